@@ -1,0 +1,79 @@
+//! The only home of SQL. One file per resource; the rest of the code speaks to it in the words of `lineage`.
+//!
+//! One connection writes, always inside `BEGIN IMMEDIATE` (a deferred read-then-write fails at once when another writer
+//! got in between, and ignores the busy timeout); a pool of read-only connections reads.
+
+mod error;
+mod settings;
+
+use std::fs::File;
+use std::path::Path;
+
+use sqlx::sqlite::{SqliteConnectOptions, SqliteJournalMode, SqlitePoolOptions, SqliteSynchronous};
+use sqlx::{Sqlite, SqlitePool, Transaction};
+
+pub use error::StoreError;
+pub use settings::StoreSettings;
+
+/// A write transaction; dropped without a commit it never happened.
+pub type WriteTransaction = Transaction<'static, Sqlite>;
+
+/// The database of one server.
+#[derive(Debug)]
+pub struct Store {
+    writer: SqlitePool,
+    readers: SqlitePool,
+    /// Held as long as the store lives: one process owns a database.
+    _lock: File,
+}
+
+impl Store {
+    /// Opens, locks and migrates the database at `settings.path`, creating it when it is absent.
+    ///
+    /// # Errors
+    /// When another process owns it, it cannot be written, or it was made by a newer release.
+    pub async fn open(settings: &StoreSettings) -> Result<Self, StoreError> {
+        let lock = lock(&settings.path)?;
+        let options = SqliteConnectOptions::new()
+            .filename(&settings.path)
+            .journal_mode(SqliteJournalMode::Wal)
+            .synchronous(SqliteSynchronous::Full)
+            .foreign_keys(true)
+            .busy_timeout(std::time::Duration::from_secs_f64(settings.busy_timeout_s))
+            .statement_cache_capacity(settings.statement_cache);
+        let writer =
+            SqlitePoolOptions::new().max_connections(1).connect_with(options.clone().create_if_missing(true)).await?;
+        sqlx::migrate!("./migrations").run(&writer).await?;
+        let readers = SqlitePoolOptions::new()
+            .max_connections(settings.readers)
+            .connect_with(options.pragma("query_only", "on"))
+            .await?;
+        Ok(Self { writer, readers, _lock: lock })
+    }
+
+    /// Waits for the writer and begins a write transaction.
+    ///
+    /// # Errors
+    /// When the database cannot be written.
+    pub async fn begin(&self) -> Result<WriteTransaction, StoreError> {
+        Ok(self.writer.begin_with("begin immediate").await?)
+    }
+
+    /// Closes every connection; the write-ahead log is folded back into the database.
+    pub async fn close(&self) {
+        self.readers.close().await;
+        self.writer.close().await;
+    }
+}
+
+fn lock(path: &Path) -> Result<File, StoreError> {
+    let mut name = path.as_os_str().to_owned();
+    name.push(".lock");
+    let unlockable = |source| StoreError::Lock { path: path.to_owned(), source };
+    let file = File::options().create(true).truncate(false).write(true).open(&name).map_err(unlockable)?;
+    match file.try_lock() {
+        Ok(()) => Ok(file),
+        Err(std::fs::TryLockError::WouldBlock) => Err(StoreError::Owned { path: path.to_owned() }),
+        Err(std::fs::TryLockError::Error(source)) => Err(unlockable(source)),
+    }
+}
