@@ -21,6 +21,9 @@ impl Magnitude {
     }
 }
 
+/// Outputs summed in registers.
+const LANES: usize = 64;
+
 impl<T: Real> Overlap<T> {
     /// Adds `Σ_windows |g|` or `Σ_windows g²` to `sums`, g being the gradient of that window's own output (scaled by the `dy`
     /// that [`Overlap::backward`] was given). Call after going back through every step; the windows must have had no
@@ -28,102 +31,42 @@ impl<T: Real> Overlap<T> {
     ///
     /// Recurrent weights have no shortcut through summed products: `(Σ_τ δ_τ h_τᵀ)²` needs each window's own sum.
     pub fn add_magnitudes(&self, magnitude: Magnitude, sums: &mut [T]) {
-        let horizon = self.plan.horizon();
-        let mut window = Window { rows: Vec::with_capacity(horizon), inputs: Vec::with_capacity(horizon) };
+        let empty = Vec::new;
+        let mut window =
+            Window { deltas: empty(), states: empty(), inputs: empty(), answer: empty(), dy: T::zero() };
         for start in 0..self.plan.steps() {
             for (n, answer) in self.plan.first(start).enumerate() {
-                window.trace(self, start, n);
+                self.gather(&mut window, start, n, answer);
                 vectorised(
                     #[inline(always)]
                     || match magnitude {
-                        Magnitude::Square => self.add_window(&window, answer, Magnitude::Square, sums),
-                        Magnitude::Absolute => self.add_window(&window, answer, Magnitude::Absolute, sums),
+                        Magnitude::Square => window.add(self.layout, Magnitude::Square, sums),
+                        Magnitude::Absolute => window.add(self.layout, Magnitude::Absolute, sums),
                     },
                 );
             }
         }
     }
 
-    #[inline(always)]
-    fn add_window(&self, window: &Window, answer: usize, magnitude: Magnitude, sums: &mut [T]) {
-        let layout = self.layout;
-        let hidden = layout.hidden;
-        let (lstm, head) = sums.split_at_mut(layout.head().start);
-        let dy = self.answer_dy[answer];
-        for (sum, h) in head.iter_mut().zip(&self.answer_h[answer * hidden..(answer + 1) * hidden]) {
-            *sum += magnitude.of(dy * *h);
-        }
-        head[hidden] += magnitude.of(dy);
-        let (input, rest) = lstm.split_at_mut(layout.recurrent().start);
-        let (recurrent, bias) = rest.split_at_mut(layout.recurrent().len());
-        for gate in 0..layout.gates() {
-            self.add_gate(
-                window,
-                answer,
-                gate,
-                magnitude,
-                &mut input[gate * INPUTS..][..INPUTS],
-                &mut recurrent[gate * hidden..][..hidden],
-                &mut bias[gate],
-            );
-        }
-    }
-
-    #[inline(always)]
-    #[expect(clippy::too_many_arguments, reason = "three slices of one vector, cut once by the caller")]
-    fn add_gate(
-        &self,
-        window: &Window,
-        answer: usize,
-        gate: usize,
-        magnitude: Magnitude,
-        input: &mut [T],
-        recurrent: &mut [T],
-        bias: &mut T,
-    ) {
-        const LANES: usize = 64;
+    /// Copies one window's values next to each other, so that its sums read a few kilobytes of cache.
+    fn gather(&self, window: &mut Window<T>, start: usize, n: usize, answer: usize) {
         let (hidden, gates) = (self.layout.hidden, self.layout.gates());
-        let delta = |row: usize| self.carried_z[row * gates + gate];
-        let x = |step: usize| &self.inputs[window.inputs[step]..][..INPUTS];
-        let mut g_bias = self.first_z[answer * gates + gate];
-        let mut g_input = [T::zero(); INPUTS];
-        for k in 0..INPUTS {
-            g_input[k] = g_bias * x(0)[k];
+        window.deltas.clear();
+        window.states.clear();
+        window.inputs.clear();
+        window.deltas.extend_from_slice(&self.first_z[answer * gates..(answer + 1) * gates]);
+        window.inputs.extend_from_slice(&self.inputs[self.input_row[start] + n * INPUTS..][..INPUTS]);
+        for slot in 1..self.plan.horizon() {
+            let t = start + slot;
+            let rows = self.plan.slots(t).nth(slot - 1).expect("the window is alive for its whole horizon");
+            let row = self.plan.carried(t).start + rows.start + n;
+            window.deltas.extend_from_slice(&self.carried_z[row * gates..(row + 1) * gates]);
+            window.states.extend_from_slice(&self.carried_h[row * hidden..(row + 1) * hidden]);
+            window.inputs.extend_from_slice(&self.inputs[self.input_row[t] + n * INPUTS..][..INPUTS]);
         }
-        for (step, &row) in window.rows.iter().enumerate() {
-            let d = delta(row);
-            g_bias += d;
-            for k in 0..INPUTS {
-                g_input[k] = d.fma(x(step + 1)[k], g_input[k]);
-            }
-        }
-        *bias += magnitude.of(g_bias);
-        for k in 0..INPUTS {
-            input[k] += magnitude.of(g_input[k]);
-        }
-        let mut blocks = recurrent.chunks_exact_mut(LANES);
-        let mut from = 0;
-        for block in &mut blocks {
-            let mut g = [T::zero(); LANES];
-            for &row in &window.rows {
-                let d = delta(row);
-                let h = &self.carried_h[row * hidden + from..][..LANES];
-                for lane in 0..LANES {
-                    g[lane] = d.fma(h[lane], g[lane]);
-                }
-            }
-            for lane in 0..LANES {
-                block[lane] += magnitude.of(g[lane]);
-            }
-            from += LANES;
-        }
-        for (at, sum) in (from..).zip(blocks.into_remainder()) {
-            let mut g = T::zero();
-            for &row in &window.rows {
-                g = delta(row).fma(self.carried_h[row * hidden + at], g);
-            }
-            *sum += magnitude.of(g);
-        }
+        window.answer.clear();
+        window.answer.extend_from_slice(&self.answer_h[answer * hidden..(answer + 1) * hidden]);
+        window.dy = self.answer_dy[answer];
     }
 
     /// The layout of the weights.
@@ -133,23 +76,79 @@ impl<T: Real> Overlap<T> {
     }
 }
 
-/// Where one window's later steps lie among the carried rows, and its inputs.
-struct Window {
-    rows: Vec<usize>,
-    inputs: Vec<usize>,
+/// One window's derivatives and what they multiply, step by step.
+struct Window<T> {
+    /// By the gates' pre-activations, horizon × 4·hidden.
+    deltas: Vec<T>,
+    /// The states before each step but the first, (horizon − 1) × hidden.
+    states: Vec<T>,
+    /// horizon × 4.
+    inputs: Vec<T>,
+    /// The last state.
+    answer: Vec<T>,
+    /// By the head's value.
+    dy: T,
 }
 
-impl Window {
-    fn trace<T>(&mut self, overlap: &Overlap<T>, start: usize, n: usize) {
-        let plan = &overlap.plan;
-        self.rows.clear();
-        self.inputs.clear();
-        self.inputs.push(overlap.input_row[start] + n * INPUTS);
-        for slot in 1..plan.horizon() {
-            let t = start + slot;
-            let rows = plan.slots(t).nth(slot - 1).expect("the window is alive for its whole horizon");
-            self.rows.push(plan.carried(t).start + rows.start + n);
-            self.inputs.push(overlap.input_row[t] + n * INPUTS);
+impl<T: Real> Window<T> {
+    #[inline(always)]
+    fn add(&self, layout: Layout, magnitude: Magnitude, sums: &mut [T]) {
+        let hidden = layout.hidden;
+        let (lstm, head) = sums.split_at_mut(layout.head().start);
+        for (sum, h) in head.iter_mut().zip(&self.answer) {
+            *sum += magnitude.of(self.dy * *h);
+        }
+        head[hidden] += magnitude.of(self.dy);
+        let (input, rest) = lstm.split_at_mut(layout.recurrent().start);
+        let (recurrent, bias) = rest.split_at_mut(layout.recurrent().len());
+        self.add_shared(magnitude, input, bias);
+        for (gate, sums) in recurrent.chunks_exact_mut(hidden).enumerate() {
+            self.add_recurrent(gate, magnitude, sums);
+        }
+    }
+
+    /// Input weights and bias.
+    #[inline(always)]
+    fn add_shared(&self, magnitude: Magnitude, input: &mut [T], bias: &mut [T]) {
+        let gates = bias.len();
+        for (gate, (bias, input)) in bias.iter_mut().zip(input.as_chunks_mut::<INPUTS>().0).enumerate() {
+            let (mut g_bias, mut g_input) = (T::zero(), [T::zero(); INPUTS]);
+            for (x, deltas) in self.inputs.as_chunks::<INPUTS>().0.iter().zip(self.deltas.chunks_exact(gates)) {
+                g_bias += deltas[gate];
+                for k in 0..INPUTS {
+                    g_input[k] = deltas[gate].fma(x[k], g_input[k]);
+                }
+            }
+            *bias += magnitude.of(g_bias);
+            for k in 0..INPUTS {
+                input[k] += magnitude.of(g_input[k]);
+            }
+        }
+    }
+
+    /// One gate's recurrent weights.
+    #[inline(always)]
+    fn add_recurrent(&self, gate: usize, magnitude: Magnitude, sums: &mut [T]) {
+        let hidden = sums.len();
+        let later = || self.deltas.chunks_exact(4 * hidden).skip(1).map(|deltas| deltas[gate]);
+        let (blocks, rest) = sums.as_chunks_mut::<LANES>();
+        for (block, sums) in blocks.iter_mut().enumerate() {
+            let mut g = [T::zero(); LANES];
+            for (states, d) in self.states.chunks_exact(hidden).zip(later()) {
+                let states: &[T; LANES] = states[block * LANES..].first_chunk().expect("a block lies within its row");
+                for lane in 0..LANES {
+                    g[lane] = d.fma(states[lane], g[lane]);
+                }
+            }
+            for lane in 0..LANES {
+                sums[lane] += magnitude.of(g[lane]);
+            }
+        }
+        let from = hidden - rest.len();
+        for (sum, at) in rest.iter_mut().zip(from..) {
+            let each = self.states.chunks_exact(hidden).zip(later());
+            let g = each.fold(T::zero(), |g, (states, d)| d.fma(states[at], g));
+            *sum += magnitude.of(g);
         }
     }
 }

@@ -1,0 +1,130 @@
+//! The same ten updates as `torch` (golden file and its script in `tests/golden/`).
+
+use headway::car_following::Event;
+use headway::driver::{Crew, DriverShape, Scaling};
+use headway::lstm::{Layout, Real};
+use headway::training::{Adam, Penalties, clip_norm, minibatch_gradient};
+use serde::Deserialize;
+
+#[derive(Deserialize)]
+struct Golden {
+    hidden: usize,
+    horizon: usize,
+    dt_s: f32,
+    accel_limit_mps2: f32,
+    learning_rate: f32,
+    clip_norm: f32,
+    mean: [f32; 4],
+    spread: [f32; 4],
+    events: Vec<GoldenEvent>,
+    weights: Tensors,
+    updates: Vec<Update>,
+}
+
+#[derive(Deserialize)]
+struct GoldenEvent {
+    spacing_m: Vec<f32>,
+    follower_speed_mps: Vec<f32>,
+    leader_speed_mps: Vec<f32>,
+}
+
+#[derive(Deserialize)]
+struct Tensors {
+    input: Vec<f32>,
+    recurrent: Vec<f32>,
+    bias: Vec<f32>,
+    head: Vec<f32>,
+    head_bias: Vec<f32>,
+}
+
+#[derive(Deserialize)]
+struct Update {
+    loss: f64,
+    norm: f64,
+    gradient: Tensors,
+    weights: Tensors,
+}
+
+impl Tensors {
+    fn flat(&self) -> Vec<f32> {
+        [&self.input, &self.recurrent, &self.bias, &self.head, &self.head_bias].into_iter().flatten().copied().collect()
+    }
+}
+
+struct Case {
+    golden: Golden,
+    shape: DriverShape,
+    scaling: Scaling,
+    events: Vec<Event>,
+}
+
+fn case() -> Case {
+    let golden: Golden = serde_json::from_str(include_str!("../golden/gradients.json")).unwrap();
+    let shape = DriverShape {
+        hidden: golden.hidden,
+        horizon: golden.horizon,
+        dt_s: golden.dt_s,
+        accel_limit_mps2: golden.accel_limit_mps2,
+    };
+    let scaling = Scaling { mean: golden.mean, spread: golden.spread, low: [0.0; 4], high: [0.0; 4] };
+    let events = golden
+        .events
+        .iter()
+        .map(|e| {
+            let [spacing, follower, leader] = [&e.spacing_m, &e.follower_speed_mps, &e.leader_speed_mps].map(Clone::clone);
+            Event::new(f64::from(golden.dt_s), spacing, follower, leader)
+        })
+        .collect();
+    Case { golden, shape, scaling, events }
+}
+
+/// Largest difference between two vectors, in units of the second's largest value: what f32 sums can promise.
+fn off<T: Real>(ours: &[T], theirs: &[f32]) -> f64 {
+    assert_eq!(ours.len(), theirs.len());
+    let scale = theirs.iter().map(|x| f64::from(x.abs())).fold(0.0, f64::max);
+    ours.iter().zip(theirs).map(|(a, b)| (a.wide() - f64::from(*b)).abs() / scale).fold(0.0, f64::max)
+}
+
+fn gradient_of<T: Real>(case: &Case, weights: &[f32]) -> (f64, Vec<T>) {
+    let workers = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+    let crew = Crew::<T>::new(case.shape, &workers);
+    let weights: Vec<T> = weights.iter().map(|&w| T::of(w.into())).collect();
+    let events: Vec<_> = case.events.iter().collect();
+    let penalties = Penalties { collision: 1000.0, backward: 1000.0 };
+    let mut gradient = vec![T::zero(); weights.len()];
+    let loss =
+        minibatch_gradient(&crew, case.shape.horizon, &case.scaling, &weights, &events, penalties, &mut gradient);
+    (loss, gradient)
+}
+
+#[test]
+fn every_gradient_agrees_with_torch_at_the_same_weights() {
+    let case = case();
+    let mut weights = case.golden.weights.flat();
+    assert_eq!(weights.len(), Layout { hidden: case.golden.hidden }.len());
+    for (update, theirs) in case.golden.updates.iter().enumerate() {
+        let (loss, gradient) = gradient_of::<f32>(&case, &weights);
+        let expected = theirs.gradient.flat();
+        assert!((loss / theirs.loss - 1.0).abs() < 1e-5, "update {update}: loss {loss}, torch {}", theirs.loss);
+        assert!(off(&gradient, &expected) < 1e-4, "update {update}: off by {}", off(&gradient, &expected));
+        let (_, wide) = gradient_of::<f64>(&case, &weights);
+        assert!(off(&wide, &expected) < 1e-4, "update {update}: f64 off by {}", off(&wide, &expected));
+        weights = theirs.weights.flat();
+    }
+}
+
+#[test]
+fn ten_updates_lead_where_torch_leads() {
+    let case = case();
+    let mut weights = case.golden.weights.flat();
+    let mut adam = Adam::new(weights.len());
+    for (update, theirs) in case.golden.updates.iter().enumerate() {
+        let (loss, mut gradient) = gradient_of::<f32>(&case, &weights);
+        assert!((loss / theirs.loss - 1.0).abs() < 1e-3, "update {update}: loss {loss}, torch {}", theirs.loss);
+        let norm = clip_norm(&mut gradient, case.golden.clip_norm);
+        assert!((norm / theirs.norm - 1.0).abs() < 1e-2, "update {update}: norm {norm}, torch {}", theirs.norm);
+        adam.step(&mut weights, &gradient, case.golden.learning_rate);
+        let expected = theirs.weights.flat();
+        assert!(off(&weights, &expected) < 1e-4, "update {update}: weights off by {}", off(&weights, &expected));
+    }
+}

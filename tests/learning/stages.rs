@@ -1,0 +1,1 @@
+//! Stages in turn: bits, checkpoints, and what consolidation does.
