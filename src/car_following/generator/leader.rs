@@ -64,9 +64,10 @@ struct Plan {
 impl Plan {
     fn new(regime: TrafficRegime, noise: &mut Noise) -> Self {
         let cruise_mps = match regime {
-            TrafficRegime::Fast => noise.between(16.0, 24.5),
-            TrafficRegime::Middle => noise.between(11.0, 14.0),
-            TrafficRegime::Slow => noise.between(4.0, 9.0),
+            // Most traffic flows at 15–19 m/s, some at 24.
+            TrafficRegime::Fast => 15.0 + 9.0 * noise.unit() * noise.unit(),
+            TrafficRegime::Middle => noise.between(12.0, 18.0),
+            TrafficRegime::Slow => noise.between(6.0, 13.0),
         };
         Self { regime, cruise_mps, was_slow: noise.chance(0.5) }
     }
@@ -82,7 +83,7 @@ impl Plan {
     /// Cruising with mild changes, now and then a slowdown.
     fn motorway(&mut self, noise: &mut Noise) -> Phase {
         self.was_slow = !self.was_slow && noise.chance(0.3);
-        let drop_mps = if self.was_slow { noise.between(2.0, 5.0) } else { 0.8 * noise.normal() };
+        let drop_mps = if self.was_slow { noise.between(3.0, 8.0) } else { 0.8 * noise.normal() };
         Phase {
             aim_mps: self.cruise_mps - drop_mps,
             accel_mps2: noise.between(0.4, 0.9),
@@ -94,7 +95,7 @@ impl Plan {
     /// Braking for what is ahead and accelerating again, without stopping.
     fn arterial(&mut self, noise: &mut Noise) -> Phase {
         self.was_slow = !self.was_slow;
-        let aim_mps = if self.was_slow { noise.between(5.0, 9.0) } else { self.cruise_mps + 0.8 * noise.normal() };
+        let aim_mps = if self.was_slow { noise.between(4.0, 9.0) } else { self.cruise_mps + 0.8 * noise.normal() };
         Phase {
             aim_mps,
             accel_mps2: noise.between(0.9, 1.7),
@@ -106,17 +107,17 @@ impl Plan {
     /// Stop-and-go waves: mostly to a standstill, sometimes to a crawl.
     fn congestion(&mut self, noise: &mut Noise) -> Phase {
         self.was_slow = !self.was_slow;
-        let aim_mps = match (self.was_slow, noise.chance(0.65)) {
+        let aim_mps = match (self.was_slow, noise.chance(0.6)) {
             (true, true) => -0.5,
-            (true, false) => noise.between(0.8, 2.5),
+            (true, false) => noise.between(1.0, 3.5),
             (false, _) => self.cruise_mps + 0.6 * noise.normal(),
         };
-        let dwell_s = if aim_mps < 0.0 { noise.between(1.0, 4.0) } else { 0.0 };
+        let dwell_s = if aim_mps < 0.0 { noise.between(1.0, 3.0) } else { 0.0 };
         Phase {
             aim_mps,
             accel_mps2: noise.between(1.2, 2.2),
             braking_mps2: noise.between(1.5, 3.2),
-            lasts_s: noise.between(4.0, 7.0) + dwell_s,
+            lasts_s: noise.between(4.0, 8.0) + dwell_s,
         }
     }
 }

@@ -19,17 +19,17 @@ const WARM_UP_S: f64 = 20.0;
 /// No generated follower comes closer, m: the protocol leaves events out that come closer than 0.5 m.
 const LEAST_SPACING_M: f64 = 0.8;
 
-/// Candidates tried for one event. More than half are accepted, so not finding one has a chance below 2⁻²⁵⁶.
+/// Candidates tried for one event. At least half are accepted, so that finding none never happens.
 const CANDIDATES: u64 = 256;
 
 /// A kind of generated traffic.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum TrafficRegime {
-    /// Motorway cruising with mild changes of speed and occasional slowdowns; mean follower speeds of 13.3–25 m/s.
+    /// Motorway cruising with mild changes of speed and occasional slowdowns; mean follower speeds of 13.6–25 m/s.
     Fast,
-    /// Arterial roads: braking and accelerating in turn, hardly a stop; 8.3–12.7 m/s.
+    /// Arterial roads: braking and accelerating in turn, hardly a stop; 8.6–12.4 m/s.
     Middle,
-    /// Congestion: stop-and-go waves down to a standstill; 1–7.7 m/s.
+    /// Congestion: stop-and-go waves down to a standstill; 1–7.4 m/s.
     Slow,
 }
 
@@ -51,9 +51,9 @@ impl TrafficRegime {
     #[must_use]
     pub fn mean_speed_mps(self) -> [f64; 2] {
         match self {
-            Self::Fast => [13.3, 25.0],
-            Self::Middle => [8.3, 12.7],
-            Self::Slow => [1.0, 7.7],
+            Self::Fast => [13.6, 25.0],
+            Self::Middle => [8.6, 12.4],
+            Self::Slow => [1.0, 7.4],
         }
     }
 }
@@ -119,8 +119,8 @@ fn accepted(regime: TrafficRegime, seed: u64, index: u64, settings: &TrafficSett
             let key = [seed, regime as u64, index, attempt];
             candidate(regime, &mut Noise::keyed(key), settings)
         })
-        .find(|event| is_plausible(event, regime))
-        .expect("more than half of the candidates are plausible")
+        .find(|event| is_plausible(event, regime, settings.min_steps))
+        .expect("a good part of the candidates is plausible")
 }
 
 fn candidate(regime: TrafficRegime, noise: &mut Noise, settings: &TrafficSettings) -> Event {
@@ -136,10 +136,13 @@ fn candidate(regime: TrafficRegime, noise: &mut Noise, settings: &TrafficSetting
     Event::new(dt_s, stored(&driven.spacing_m), stored(&driven.speed_mps), stored(&leader_mps))
 }
 
-fn is_plausible(event: &Event, regime: TrafficRegime) -> bool {
+/// Whether nobody comes too close, and the mean speed is in the band over all steps and over the first `min_steps`,
+/// to which a protocol with events of equal length cuts them.
+fn is_plausible(event: &Event, regime: TrafficRegime, min_steps: usize) -> bool {
     let [low, high] = regime.mean_speed_mps();
     let close = event.spacing_m().iter().any(|&s| f64::from(s) < LEAST_SPACING_M);
-    !close && (low..=high).contains(&event.mean_speed_mps())
+    let cut: f64 = event.follower_speed_mps()[..min_steps].iter().map(|&v| f64::from(v)).sum();
+    !close && [event.mean_speed_mps(), cut / min_steps as f64].iter().all(|mean| (low..=high).contains(mean))
 }
 
 #[cfg(test)]
