@@ -75,8 +75,7 @@ impl Follower {
     /// Follows a leader from equilibrium on.
     pub(super) fn behind(&self, leader_mps: &[f64], dt_s: f64, noise: &mut Noise) -> Trajectory {
         let start_mps = leader_mps[0].min(0.95 * self.idm.desired_speed_mps);
-        let mut state =
-            FollowerState { spacing_m: self.idm.equilibrium_spacing_m(start_mps), speed_mps: start_mps };
+        let mut state = FollowerState { spacing_m: self.idm.equilibrium_spacing_m(start_mps), speed_mps: start_mps };
         let mut unsteady = OrnsteinUhlenbeck::new(self.unsteadiness_mps2, 1.5, dt_s, noise);
         let mut drift = OrnsteinUhlenbeck::new(self.headway_drift, DRIFT_S, dt_s, noise);
         let late = self.late_steps(dt_s);
@@ -96,7 +95,11 @@ impl Follower {
         past
     }
 
-    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a reaction is some tenths of a second")]
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "a reaction is some tenths of a second"
+    )]
     fn late_steps(&self, dt_s: f64) -> usize {
         (self.reaction_s / dt_s).round() as usize
     }
