@@ -1,1 +1,24 @@
-//! To come.
+//! The network: one LSTM layer with a linear head, all parameters in one flat vector, forward and backward beside each other.
+//!
+//! Matrices are column-major with one column per *row of work* (a window at some step), so that a window's values are
+//! contiguous; weights are laid out as `torch.nn.LSTMCell` lays them out (gates in the order input, forget, cell, output).
+
+mod activation;
+mod dispatch;
+mod encode;
+mod gates;
+mod init;
+mod layout;
+mod overlap;
+mod plan;
+mod product;
+mod real;
+mod squares;
+
+pub use dispatch::{kernel_name, vectorised};
+pub use encode::Encoder;
+pub use init::initial_weights;
+pub use layout::{INPUTS, Layout};
+pub use overlap::Overlap;
+pub use real::Real;
+pub use squares::Magnitude;

@@ -3,7 +3,7 @@
 use rayon::ThreadPool;
 
 use crate::car_following::Event;
-use crate::driver::{DriverShape, Scaling};
+use crate::driver::{Crew, Drive, DriverShape, Loop, Scaling};
 
 /// Sums over simulated steps; divide only when reporting.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -20,14 +20,44 @@ pub struct Errors {
     pub steps: u64,
 }
 
-/// Drives every event closed loop with these weights; events shorter than `horizon` + 1 steps are left out.
+/// Drives every event closed loop with these weights; events no longer than the horizon are left out.
 #[must_use]
 pub fn evaluate(
-    _shape: DriverShape,
-    _scaling: &Scaling,
-    _weights: &[f32],
-    _events: &[Event],
-    _workers: &ThreadPool,
+    shape: DriverShape,
+    scaling: &Scaling,
+    weights: &[f32],
+    events: &[Event],
+    workers: &ThreadPool,
 ) -> Errors {
-    Errors::default()
+    let long_enough: Vec<_> = events.iter().filter(|event| event.steps() > shape.horizon).collect();
+    let parts = Crew::<f32>::new(shape, workers).each(&long_enough, |drive, piece| {
+        drive.forward(weights, scaling, piece, Loop::Closed);
+        errors(drive, shape.horizon, piece)
+    });
+    let mut total = Errors::default();
+    for part in parts {
+        total.spacing_sq += part.spacing_sq;
+        total.speed_sq += part.speed_sq;
+        total.collisions += part.collisions;
+        total.events += part.events;
+        total.steps += part.steps;
+    }
+    total
+}
+
+fn errors(drive: &Drive<f32>, horizon: usize, events: &[&Event]) -> Errors {
+    let mut sums = Errors::default();
+    for (n, event) in events.iter().enumerate() {
+        let mut collided = false;
+        for t in horizon..event.steps() {
+            let s = drive.spacing_m(t, n);
+            sums.spacing_sq += (f64::from(s) - f64::from(event.spacing_m()[t])).powi(2);
+            sums.speed_sq += (f64::from(drive.speed_mps(t, n)) - f64::from(event.follower_speed_mps()[t])).powi(2);
+            collided |= s <= 0.0;
+        }
+        sums.collisions += u32::from(collided);
+        sums.events += 1;
+        sums.steps += (event.steps() - horizon) as u64;
+    }
+    sums
 }

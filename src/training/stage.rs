@@ -1,24 +1,23 @@
 //! One stage: from a parent's weights and the training events of one regime to new weights and what to remember.
 
+use std::time::Instant;
+
 use rayon::ThreadPool;
 use serde::Serialize;
 
+use super::adam::clip_norm;
+use super::checkpoint::{Checkpoint, fingerprint};
+use super::loss::Penalties;
+use super::minibatch::minibatch_gradient;
+use super::order::{by_content, keyed, shuffle};
+use super::sanity::coasting_loss;
 use crate::car_following::Event;
-use crate::consolidation::{Accumulation, MasOutput, Method, PenaltyStep};
-use crate::driver::{DriverShape, Scaling};
-
-/// What is kept of one regime: its diagonal importance and the weights it is anchored at, one value per weight each.
-#[derive(Debug, Clone, PartialEq)]
-pub struct RegimeMemory {
-    /// The regime's name.
-    pub regime: String,
-    /// Diagonal importance, mean per supervised step.
-    pub importance: Vec<f32>,
-    /// The weights at the end of the last stage that learned the regime.
-    pub anchor: Vec<f32>,
-    /// Supervised steps behind the importance.
-    pub samples: u64,
-}
+use crate::consolidation::{
+    Accumulation, MasOutput, Method, Penalty, PenaltyStep, RegimeMemory, default_accumulation, default_strength,
+    importance, lambda,
+};
+use crate::driver::{Crew, DriverShape, Scaling};
+use crate::lstm::{Layout, initial_weights, kernel_name};
 
 /// Settings of the arithmetic, from the model's settings.
 #[derive(Debug, Clone, PartialEq)]
@@ -82,7 +81,7 @@ pub struct Progress {
     pub updates: u64,
     /// Loss of the last minibatch, without penalty.
     pub loss: f64,
-    /// Consolidation penalty at the weights before the last update.
+    /// Consolidation penalty, λ included, at the weights before the last update.
     pub penalty: f64,
     /// Training events per second since the stage (re)started.
     pub events_per_s: f64,
@@ -123,13 +122,13 @@ pub enum LearnError {
     /// No event is long enough to drive.
     #[error("no training event is longer than the horizon")]
     NoTrainingEvents,
-    /// The loss or a weight stopped being finite.
-    #[error("training diverged at update {update}: {what} is not finite")]
+    /// Training made the driver worse than none.
+    #[error("training diverged at update {update}: {detail}")]
     Diverged {
         /// The update.
         update: u64,
-        /// What was not finite.
-        what: &'static str,
+        /// What was seen.
+        detail: String,
     },
     /// The observer said stop; a checkpoint was given first.
     #[error("stopped")]
@@ -144,10 +143,188 @@ pub enum LearnError {
 /// # Errors
 /// See [`LearnError`].
 pub fn learn_stage(
-    _input: &StageInput<'_>,
-    _resume: Option<&[u8]>,
-    _workers: &ThreadPool,
-    _observer: &mut dyn Observer,
+    input: &StageInput<'_>,
+    resume: Option<&[u8]>,
+    workers: &ThreadPool,
+    observer: &mut dyn Observer,
 ) -> Result<Learned, LearnError> {
-    Err(LearnError::NoTrainingEvents)
+    let horizon = input.settings.shape.horizon;
+    let train: Vec<&Event> = by_content(input.train, horizon).into_iter().map(|i| &input.train[i]).collect();
+    if train.is_empty() {
+        return Err(LearnError::NoTrainingEvents);
+    }
+    let mut stage = Stage::begin(input, &train, workers);
+    if let Some(bytes) = resume {
+        stage.state = Checkpoint::from_bytes(bytes, &stage.fingerprint).map_err(LearnError::Checkpoint)?;
+    }
+    while stage.state.epoch < input.settings.epochs {
+        stage.epoch(observer)?;
+    }
+    Ok(stage.finish())
+}
+
+/// A stage under way.
+struct Stage<'a> {
+    input: &'a StageInput<'a>,
+    train: &'a [&'a Event],
+    crew: Crew<'a, f32>,
+    scaling: Scaling,
+    penalty: Option<(Penalty, f64)>,
+    strength: Option<f64>,
+    /// Loss beyond which an epoch counts as diverged.
+    loss_limit: f64,
+    fingerprint: [u8; 32],
+    state: Checkpoint,
+    gradient: Vec<f32>,
+    resumed_at: Instant,
+    events_since: u64,
+}
+
+impl<'a> Stage<'a> {
+    fn begin(input: &'a StageInput<'a>, train: &'a [&'a Event], workers: &'a ThreadPool) -> Self {
+        let settings = &input.settings;
+        let layout = Layout { hidden: settings.shape.hidden };
+        let weights = match (input.method, input.parent_weights) {
+            (Method::Joint, _) | (_, None) => initial_weights(layout, settings.seed),
+            (_, Some(parent)) => parent.to_vec(),
+        };
+        let accumulation = settings.accumulation.unwrap_or_else(|| default_accumulation(input.method));
+        let penalty = Penalty::collapse(input.method, accumulation, input.memory, &weights);
+        let strength = input.method.consolidates().then(|| settings.strength.unwrap_or(default_strength(input.method)));
+        let penalty = penalty.map(|penalty| {
+            let lambda =
+                settings.lambda.unwrap_or_else(|| lambda(strength.unwrap_or_default(), &penalty, input.memory.len()));
+            (penalty, lambda)
+        });
+        let fingerprint = fingerprint(input, train);
+        Self {
+            train,
+            crew: Crew::new(settings.shape, workers),
+            scaling: input.scaling.unwrap_or_else(|| Scaling::estimate(train)),
+            penalty,
+            strength: strength.filter(|_| settings.lambda.is_none()),
+            loss_limit: 4.0 * coasting_loss(train, settings.shape, penalties(settings)),
+            gradient: vec![0.0; layout.len()],
+            state: Checkpoint::begin(fingerprint, weights),
+            fingerprint,
+            resumed_at: Instant::now(),
+            events_since: 0,
+            input,
+        }
+    }
+
+    fn epoch(&mut self, observer: &mut dyn Observer) -> Result<(), LearnError> {
+        let settings = &self.input.settings;
+        let mut order: Vec<usize> = (0..self.train.len()).collect();
+        shuffle(&mut order, &mut keyed("order", settings.seed, self.input.stage, self.state.epoch));
+        let minibatches: Vec<&[usize]> = order.chunks(settings.minibatch).collect();
+        let updates = minibatches.len() as u64 * u64::from(settings.epochs);
+        for minibatch in minibatches.iter().skip(self.state.minibatch as usize) {
+            let began = Instant::now();
+            let events: Vec<&Event> = minibatch.iter().map(|&i| self.train[i]).collect();
+            let (loss, penalty) = self.update(&events)?;
+            self.state.update_s += began.elapsed().as_secs_f64();
+            self.state.epoch_loss += loss * events.len() as f64;
+            self.state.minibatch += 1;
+            self.events_since += events.len() as u64;
+            let progress = Progress {
+                epoch: self.state.epoch + 1,
+                update: self.state.adam.updates,
+                updates,
+                loss,
+                penalty,
+                events_per_s: self.events_since as f64 / self.resumed_at.elapsed().as_secs_f64().max(1e-9),
+            };
+            let go_on = observer.updated(&progress);
+            if !go_on || observer.wants_checkpoint() {
+                observer.checkpoint(&progress, self.state.to_bytes());
+            }
+            if !go_on {
+                return Err(LearnError::Stopped);
+            }
+        }
+        self.end_epoch()
+    }
+
+    fn end_epoch(&mut self) -> Result<(), LearnError> {
+        let mean_loss = self.state.epoch_loss / self.train.len() as f64;
+        if mean_loss > self.loss_limit {
+            let detail = format!(
+                "the loss of epoch {} is {mean_loss:.1}, more than {:.1}: four times that of a driver who never accelerates",
+                self.state.epoch + 1,
+                self.loss_limit
+            );
+            return Err(LearnError::Diverged { update: self.state.adam.updates, detail });
+        }
+        self.state.epoch += 1;
+        self.state.minibatch = 0;
+        self.state.epoch_loss = 0.0;
+        Ok(())
+    }
+
+    /// One update on one minibatch; its loss and penalty at the weights before.
+    fn update(&mut self, events: &[&Event]) -> Result<(f64, f64), LearnError> {
+        let settings = &self.input.settings;
+        let weights = &mut self.state.weights;
+        let loss = minibatch_gradient(
+            &self.crew,
+            settings.shape.horizon,
+            &self.scaling,
+            weights,
+            events,
+            penalties(settings),
+            &mut self.gradient,
+        );
+        let mut value = 0.0;
+        if let Some((penalty, lambda)) = &self.penalty {
+            value = lambda * penalty.value(weights);
+            if settings.penalty_step == PenaltyStep::Coupled {
+                penalty.add_gradient(*lambda as f32, weights, &mut self.gradient);
+            }
+        }
+        let norm = clip_norm(&mut self.gradient, settings.clip_norm);
+        self.state.adam.step(weights, &self.gradient, settings.learning_rate);
+        if let Some((penalty, lambda)) = &self.penalty
+            && settings.penalty_step == PenaltyStep::Proximal
+        {
+            penalty.pull(f64::from(settings.learning_rate) * lambda, weights);
+        }
+        if loss.is_finite() && norm.is_finite() {
+            Ok((loss, value))
+        } else {
+            let detail = "the loss or its gradient is not finite".to_owned();
+            Err(LearnError::Diverged { update: self.state.adam.updates, detail })
+        }
+    }
+
+    fn finish(self) -> Learned {
+        let (method, settings) = (self.input.method, &self.input.settings);
+        let weights = self.state.weights;
+        let memory = method.consolidates().then(|| {
+            let (importance, samples) = importance(
+                method,
+                settings.mas_output,
+                &self.crew,
+                &self.scaling,
+                &weights,
+                settings.shape.horizon,
+                self.train,
+            );
+            let earlier = self.input.memory.iter().find(|kept| kept.regime == self.input.regime);
+            RegimeMemory::after(self.input.regime, earlier, &importance, samples, &weights)
+        });
+        Learned {
+            memory,
+            scaling: self.scaling,
+            strength: self.strength,
+            lambda: self.penalty.map(|(_, lambda)| lambda),
+            kernel: kernel_name().to_owned(),
+            update_s: self.state.update_s,
+            weights,
+        }
+    }
+}
+
+fn penalties(settings: &LearnSettings) -> Penalties {
+    Penalties { collision: settings.collision_penalty.into(), backward: settings.backward_penalty.into() }
 }

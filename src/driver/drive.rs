@@ -1,0 +1,221 @@
+//! Several events driven at once, forward and backward through the whole loop.
+
+use super::{DriverShape, Scaling};
+use crate::car_following::Event;
+use crate::lstm::{INPUTS, Layout, Overlap, Real};
+
+/// Whether the network reads its own simulation or the recording.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Loop {
+    /// From step `horizon` on the follower is simulated.
+    Closed,
+    /// Every window is recorded.
+    Open,
+}
+
+/// The trajectories of some events and everything needed to go back through them.
+///
+/// Values are step-major: step `t` of event `n` lies at `t · events + n`. Events come longest first.
+#[derive(Debug)]
+pub struct Drive<T> {
+    shape: DriverShape,
+    overlap: Overlap<T>,
+    events: usize,
+    /// Steps of each event.
+    steps: Vec<usize>,
+    leader: Vec<T>,
+    spacing: Vec<T>,
+    speed: Vec<T>,
+    /// tanh of the head at the step that led here.
+    squashed: Vec<T>,
+    inputs: Vec<T>,
+    outputs: Vec<T>,
+}
+
+/// Derivatives of a scalar by every simulated spacing and speed, laid out as [`Drive`]'s trajectories.
+#[derive(Debug, Clone)]
+pub struct TrajectoryGradient<T> {
+    /// By spacing.
+    pub spacing: Vec<T>,
+    /// By follower speed.
+    pub speed: Vec<T>,
+}
+
+impl<T: Real> Drive<T> {
+    /// Empty buffers.
+    #[must_use]
+    pub fn new(shape: DriverShape) -> Self {
+        Self {
+            shape,
+            overlap: Overlap::new(Layout { hidden: shape.hidden }),
+            events: 0,
+            steps: Vec::new(),
+            leader: Vec::new(),
+            spacing: Vec::new(),
+            speed: Vec::new(),
+            squashed: Vec::new(),
+            inputs: Vec::new(),
+            outputs: Vec::new(),
+        }
+    }
+
+    /// Steps of event `n`.
+    #[must_use]
+    pub fn steps(&self, n: usize) -> usize {
+        self.steps[n]
+    }
+
+    /// Events driven.
+    #[must_use]
+    pub fn events(&self) -> usize {
+        self.events
+    }
+
+    /// Spacing of event `n` at step `t`, m: recorded before step `horizon`, simulated from there on.
+    #[must_use]
+    pub fn spacing_m(&self, t: usize, n: usize) -> T {
+        self.spacing[t * self.events + n]
+    }
+
+    /// Follower speed likewise, m/s.
+    #[must_use]
+    pub fn speed_mps(&self, t: usize, n: usize) -> T {
+        self.speed[t * self.events + n]
+    }
+
+    /// Acceleration that led to step `t` of event `n`, m/s²; `t` ≥ `horizon`.
+    #[must_use]
+    pub fn accel_mps2(&self, t: usize, n: usize) -> T {
+        T::of(f64::from(self.shape.accel_limit_mps2)) * self.squashed[t * self.events + n]
+    }
+
+    /// Drives `events` (longest first, each longer than the horizon) with these weights.
+    ///
+    /// `v[t+1] = v[t] + dt·a[t]`, `s[t+1] = s[t] + dt·((l[t] + l[t+1])/2 − (v[t] + v[t+1])/2)`; in the open loop too, from the
+    /// recorded state of each step.
+    ///
+    /// # Panics
+    /// When an event is not longer than the horizon or they are not sorted.
+    pub fn forward(&mut self, weights: &[T], scaling: &Scaling, events: &[&Event], which: Loop) {
+        self.load(events);
+        let horizon = self.shape.horizon;
+        let input_steps: Vec<usize> = self.steps.iter().map(|steps| steps - 1).collect();
+        self.overlap.begin(horizon, &input_steps);
+        let (mean, spread) = (scaling.mean.map(|x| T::of(x.into())), scaling.spread.map(|x| T::of(x.into())));
+        for t in 0..self.overlap.steps() {
+            self.inputs.clear();
+            for n in 0..self.overlap.events(t) {
+                let at = t * self.events + n;
+                let (v, s) = if which == Loop::Open && t >= horizon {
+                    recorded(events[n], t)
+                } else {
+                    (self.speed[at], self.spacing[at])
+                };
+                let x = [v, self.leader[at], self.leader[at] - v, s];
+                self.inputs.extend((0..INPUTS).map(|k| (x[k] - mean[k]) / spread[k]));
+            }
+            let outputs = self.overlap.forward(weights, t, &self.inputs);
+            self.outputs.clear();
+            self.outputs.extend(outputs.iter().map(|y| y.fast_tanh()));
+            self.integrate(t, events, which);
+        }
+    }
+
+    fn load(&mut self, events: &[&Event]) {
+        self.events = events.len();
+        self.steps.clear();
+        self.steps.extend(events.iter().map(|e| e.steps()));
+        assert!(self.steps.iter().all(|&steps| steps > self.shape.horizon), "every event outlasts its first window");
+        let len = self.steps.first().copied().unwrap_or(0) * self.events;
+        for buffer in [&mut self.leader, &mut self.spacing, &mut self.speed, &mut self.squashed] {
+            buffer.clear();
+            buffer.resize(len, T::zero());
+        }
+        for (n, event) in events.iter().enumerate() {
+            for (t, &leader) in event.leader_speed_mps().iter().enumerate() {
+                self.leader[t * self.events + n] = T::of(leader.into());
+            }
+            for t in 0..self.shape.horizon {
+                let (v, s) = recorded(event, t);
+                self.speed[t * self.events + n] = v;
+                self.spacing[t * self.events + n] = s;
+            }
+        }
+    }
+
+    fn integrate(&mut self, t: usize, events: &[&Event], which: Loop) {
+        let dt = T::of(f64::from(self.shape.dt_s));
+        let limit = T::of(f64::from(self.shape.accel_limit_mps2));
+        let half = T::of(0.5);
+        for (n, &u) in self.outputs.iter().enumerate() {
+            let (now, next) = (t * self.events + n, (t + 1) * self.events + n);
+            let (v, s) = match which {
+                Loop::Closed => (self.speed[now], self.spacing[now]),
+                Loop::Open => recorded(events[n], t),
+            };
+            let next_v = v + dt * limit * u;
+            self.squashed[next] = u;
+            self.speed[next] = next_v;
+            self.spacing[next] = s + dt * (half * (self.leader[now] + self.leader[next]) - half * (v + next_v));
+        }
+    }
+
+    /// Adds to `gradient` the derivative by every weight of a scalar whose derivative by the simulated trajectory is `by`,
+    /// through the integrator and through every window that a simulated state appears in. After [`Loop::Closed`] only.
+    pub fn backward(&mut self, weights: &[T], scaling: &Scaling, by: &TrajectoryGradient<T>, gradient: &mut [T]) {
+        let dt = T::of(f64::from(self.shape.dt_s));
+        let limit = T::of(f64::from(self.shape.accel_limit_mps2));
+        let half_dt = T::of(0.5) * dt;
+        let spread = scaling.spread.map(|x| T::of(x.into()));
+        let horizon = self.shape.horizon;
+        // Derivatives by the state at step t + 1, then at step t.
+        let (mut d_spacing, mut d_speed) = (vec![T::zero(); self.events], vec![T::zero(); self.events]);
+        for t in (0..self.overlap.steps()).rev() {
+            self.outputs.clear();
+            for n in 0..self.overlap.answering(t) {
+                let next = (t + 1) * self.events + n;
+                d_spacing[n] += by.spacing[next];
+                // s[t+1] depends on v[t+1], which depends on a[t].
+                let through = d_speed[n] + by.speed[next] - half_dt * d_spacing[n];
+                d_speed[n] = through - half_dt * d_spacing[n];
+                let u = self.squashed[next];
+                self.outputs.push(dt * through * limit * (T::one() - u * u));
+            }
+            let dx = self.overlap.backward(weights, t, &self.outputs, gradient);
+            if t >= horizon {
+                for (n, dx) in dx.chunks_exact(INPUTS).enumerate() {
+                    d_speed[n] += dx[0] / spread[0] - dx[2] / spread[2];
+                    d_spacing[n] += dx[3] / spread[3];
+                }
+            }
+        }
+        self.overlap.finish(gradient);
+    }
+
+    /// Goes back from each open-loop acceleration on its own: `seed(a)` is the derivative of that step's scalar by the
+    /// acceleration a. Afterwards [`Self::windows`] holds each window's own gradient.
+    pub fn backward_open(&mut self, weights: &[T], seed: impl Fn(T) -> T) {
+        let limit = T::of(f64::from(self.shape.accel_limit_mps2));
+        // Parts of a summed gradient come out on the way; importance has no use for them.
+        let mut unused = vec![T::zero(); weights.len()];
+        for t in (0..self.overlap.steps()).rev() {
+            self.outputs.clear();
+            for n in 0..self.overlap.answering(t) {
+                let u = self.squashed[(t + 1) * self.events + n];
+                self.outputs.push(seed(limit * u) * limit * (T::one() - u * u));
+            }
+            self.overlap.backward(weights, t, &self.outputs, &mut unused);
+        }
+    }
+
+    /// The network's passes.
+    #[must_use]
+    pub fn windows(&self) -> &Overlap<T> {
+        &self.overlap
+    }
+}
+
+/// Follower speed and spacing as recorded.
+fn recorded<T: Real>(event: &Event, t: usize) -> (T, T) {
+    (T::of(event.follower_speed_mps()[t].into()), T::of(event.spacing_m()[t].into()))
+}

@@ -1,0 +1,164 @@
+//! The gradient against central differences, serving against driving.
+
+use super::{Crew, Drive, Driver, DriverShape, Loop, Scaling, TrajectoryGradient, Window};
+use crate::car_following::Event;
+use crate::lstm::{Layout, Magnitude, initial_weights};
+
+const SHAPE: DriverShape = DriverShape { hidden: 5, horizon: 4, dt_s: 0.1, accel_limit_mps2: 2.0 };
+const SCALING: Scaling =
+    Scaling { mean: [8.0, 8.5, 0.3, 14.0], spread: [3.0, 3.5, 1.2, 5.0], low: [0.0; 4], high: [40.0; 4] };
+
+fn event(steps: usize, phase: f32) -> Event {
+    let t = |i: usize| i as f32 * 0.1 + phase;
+    Event::new(
+        0.1,
+        (0..steps).map(|i| 12.0 + (2.0 * t(i)).sin()).collect(),
+        (0..steps).map(|i| 8.0 + t(i).cos()).collect(),
+        (0..steps).map(|i| 8.0 + (1.3 * t(i)).sin()).collect(),
+    )
+}
+
+/// Weights large enough to saturate some accelerations.
+fn weights() -> Vec<f64> {
+    let layout = Layout { hidden: SHAPE.hidden };
+    let mut weights: Vec<f64> = initial_weights(layout, 3).into_iter().map(f64::from).collect();
+    for w in &mut weights[layout.head()] {
+        *w *= 150.0;
+    }
+    weights
+}
+
+/// A smooth scalar of the trajectory with a different derivative at every step.
+fn scalar(drive: &Drive<f64>, events: &[&Event]) -> (f64, TrajectoryGradient<f64>) {
+    let len = events[0].steps() * events.len();
+    let mut by = TrajectoryGradient { spacing: vec![0.0; len], speed: vec![0.0; len] };
+    let mut sum = 0.0;
+    for (n, event) in events.iter().enumerate() {
+        for t in SHAPE.horizon..event.steps() {
+            let (s, v) = (drive.spacing_m(t, n), drive.speed_mps(t, n));
+            let weight = 1.0 + 0.1 * t as f64 + n as f64;
+            sum += weight * (s * s + (0.3 * v).sin());
+            by.spacing[t * events.len() + n] = weight * 2.0 * s;
+            by.speed[t * events.len() + n] = weight * 0.3 * (0.3 * v).cos();
+        }
+    }
+    (sum, by)
+}
+
+#[test]
+fn the_closed_loop_gradient_agrees_with_central_differences_for_events_of_different_lengths() {
+    let (long, short, shortest) = (event(23, 0.0), event(16, 0.7), event(5, 1.9));
+    let events = [&long, &short, &shortest];
+    let mut drive = Drive::<f64>::new(SHAPE);
+    let mut weights = weights();
+    drive.forward(&weights, &SCALING, &events, Loop::Closed);
+    let saturated = (SHAPE.horizon..23).filter(|&t| drive.accel_mps2(t, 0).abs() > 0.95 * 2.0).count();
+    assert!(saturated > 0, "the case is meant to be hard");
+    let (_, by) = scalar(&drive, &events);
+    let mut gradient = vec![0.0; weights.len()];
+    drive.backward(&weights, &SCALING, &by, &mut gradient);
+    for i in 0..weights.len() {
+        let (kept, h) = (weights[i], 1e-5);
+        let mut at = |w: f64| {
+            weights[i] = w;
+            drive.forward(&weights, &SCALING, &events, Loop::Closed);
+            scalar(&drive, &events).0
+        };
+        let central = (at(kept + h) - at(kept - h)) / (2.0 * h);
+        weights[i] = kept;
+        let off = (central - gradient[i]).abs();
+        assert!(
+            off <= 1e-5 * (1.0 + central.abs()),
+            "weight {i}: {} by the pass, {central} by differences",
+            gradient[i]
+        );
+    }
+}
+
+#[test]
+fn every_windows_own_gradient_is_squared_before_it_is_summed() {
+    let (long, short) = (event(14, 0.0), event(9, 0.7));
+    let events = [&long, &short];
+    let mut drive = Drive::<f64>::new(SHAPE);
+    let mut weights = weights();
+    drive.forward(&weights, &SCALING, &events, Loop::Open);
+    drive.backward_open(&weights, |accel| 2.0 * accel);
+    let (mut squares, mut absolutes) = (vec![0.0; weights.len()], vec![0.0; weights.len()]);
+    drive.windows().add_magnitudes(Magnitude::Square, &mut squares);
+    drive.windows().add_magnitudes(Magnitude::Absolute, &mut absolutes);
+    let outputs = |weights: &[f64], drive: &mut Drive<f64>| -> Vec<f64> {
+        drive.forward(weights, &SCALING, &events, Loop::Open);
+        let of = |n: usize| (SHAPE.horizon..events[n].steps()).map(move |t| (t, n));
+        of(0).chain(of(1)).map(|(t, n)| drive.accel_mps2(t, n).powi(2)).collect()
+    };
+    for i in 0..weights.len() {
+        let (kept, h) = (weights[i], 1e-5);
+        weights[i] = kept + h;
+        let up = outputs(&weights, &mut drive);
+        weights[i] = kept - h;
+        let down = outputs(&weights, &mut drive);
+        weights[i] = kept;
+        let each = up.iter().zip(&down).map(|(up, down)| (up - down) / (2.0 * h));
+        let (square, absolute) = each.fold((0.0, 0.0), |(s, a), g| (s + g * g, a + g.abs()));
+        assert!((square - squares[i]).abs() <= 1e-5 * (1.0 + square), "weight {i}: {} {square}", squares[i]);
+        assert!((absolute - absolutes[i]).abs() <= 1e-5 * (1.0 + absolute), "weight {i}: {} {absolute}", absolutes[i]);
+    }
+}
+
+#[test]
+fn results_do_not_depend_on_the_number_of_threads() {
+    let events: Vec<_> = (0..40).map(|i| event(12 + i % 7, i as f32)).collect();
+    let borrowed: Vec<_> = events.iter().collect();
+    let weights: Vec<f32> = weights().into_iter().map(|w| w as f32).collect();
+    let run = |threads| {
+        let workers = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        Crew::<f32>::new(SHAPE, &workers).each(&borrowed, |drive, piece| {
+            drive.forward(&weights, &SCALING, piece, Loop::Closed);
+            (0..piece.len()).map(|n| drive.spacing_m(piece[n].steps() - 1, n)).collect::<Vec<_>>()
+        })
+    };
+    assert_eq!(run(1), run(3));
+}
+
+fn window(event: &Event, from: usize) -> Window {
+    let cut = |values: &[f32]| values[from..from + SHAPE.horizon].to_vec();
+    Window {
+        follower_speed_mps: cut(event.follower_speed_mps()),
+        leader_speed_mps: cut(event.leader_speed_mps()),
+        spacing_m: cut(event.spacing_m()),
+    }
+}
+
+#[test]
+fn serving_answers_what_driving_computes() {
+    let event = event(30, 0.4);
+    let weights: Vec<f32> = weights().into_iter().map(|w| w as f32).collect();
+    let driver = Driver::new(SHAPE, SCALING, weights.clone()).unwrap();
+    let mut drive = Drive::<f32>::new(SHAPE);
+    drive.forward(&weights, &SCALING, &[&event], Loop::Closed);
+    let simulation = driver.simulate(&window(&event, 0), &event.leader_speed_mps()[SHAPE.horizon..]);
+    for t in SHAPE.horizon..30 {
+        let at = t - SHAPE.horizon;
+        assert!((simulation.accel_mps2[at] - drive.accel_mps2(t, 0)).abs() < 1e-4);
+        assert!((simulation.spacing_m[at] - drive.spacing_m(t, 0)).abs() < 1e-3);
+        assert!((simulation.follower_speed_mps[at] - drive.speed_mps(t, 0)).abs() < 1e-4);
+    }
+}
+
+#[test]
+fn a_window_gets_the_same_bits_whoever_shares_its_batch() {
+    let shape = DriverShape { hidden: 19, ..SHAPE };
+    let weights = initial_weights(Layout { hidden: 19 }, 1);
+    let driver = Driver::new(shape, SCALING, weights).unwrap();
+    let events: Vec<_> = (0..9).map(|i| event(15, i as f32)).collect();
+    let windows: Vec<_> = events.iter().flat_map(|e| (0..11).map(|from| window(e, from))).collect();
+    let together = driver.accelerations(&windows);
+    for (window, accel) in windows.iter().zip(&together) {
+        assert_eq!(driver.accelerations(std::slice::from_ref(window))[0].to_bits(), accel.to_bits());
+    }
+}
+
+#[test]
+fn a_driver_refuses_weights_of_another_shape() {
+    assert!(Driver::new(SHAPE, SCALING, vec![0.0; 3]).is_none());
+}

@@ -1,0 +1,65 @@
+//! The number type of the arithmetic: f32 to serve and learn, f64 to check gradients against central differences.
+
+use nalgebra::RealField;
+
+use super::activation;
+
+/// f32 or f64.
+pub trait Real: RealField + Copy {
+    /// The nearest value.
+    fn of(x: f64) -> Self;
+    /// As f64.
+    fn wide(self) -> f64;
+    /// Hyperbolic tangent, fast enough for inner loops; f32 within 4e-7 of the true value.
+    fn fast_tanh(self) -> Self;
+    /// Logistic function, likewise.
+    fn fast_sigmoid(self) -> Self;
+    /// `self · b + c`, rounded once where the hardware can.
+    fn fma(self, b: Self, c: Self) -> Self;
+}
+
+impl Real for f32 {
+    #[inline(always)]
+    fn of(x: f64) -> Self {
+        x as f32
+    }
+    #[inline(always)]
+    fn wide(self) -> f64 {
+        f64::from(self)
+    }
+    #[inline(always)]
+    fn fast_tanh(self) -> Self {
+        activation::tanh(self)
+    }
+    #[inline(always)]
+    fn fast_sigmoid(self) -> Self {
+        0.5 + 0.5 * activation::tanh(0.5 * self)
+    }
+    #[inline(always)]
+    fn fma(self, b: Self, c: Self) -> Self {
+        self.mul_add(b, c)
+    }
+}
+
+impl Real for f64 {
+    #[inline(always)]
+    fn of(x: f64) -> Self {
+        x
+    }
+    #[inline(always)]
+    fn wide(self) -> f64 {
+        self
+    }
+    #[inline(always)]
+    fn fast_tanh(self) -> Self {
+        self.tanh()
+    }
+    #[inline(always)]
+    fn fast_sigmoid(self) -> Self {
+        0.5 + 0.5 * (0.5 * self).tanh()
+    }
+    #[inline(always)]
+    fn fma(self, b: Self, c: Self) -> Self {
+        self.mul_add(b, c)
+    }
+}

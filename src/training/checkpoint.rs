@@ -1,0 +1,120 @@
+//! Everything a stage needs to go on, as bytes.
+
+use sha2::{Digest, Sha256};
+
+use super::adam::Adam;
+use super::stage::StageInput;
+use crate::car_following::Event;
+
+const MAGIC: &[u8; 8] = b"HWCKPT01";
+
+/// Where a stage stands between two updates.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Checkpoint {
+    /// Of the input it belongs to.
+    pub fingerprint: [u8; 32],
+    /// Epochs done.
+    pub epoch: u32,
+    /// Minibatches of the next epoch done.
+    pub minibatch: u64,
+    /// Loss summed over the events of that epoch.
+    pub epoch_loss: f64,
+    /// Time inside updates, s.
+    pub update_s: f64,
+    /// The weights.
+    pub weights: Vec<f32>,
+    /// The optimiser.
+    pub adam: Adam,
+}
+
+impl Checkpoint {
+    /// Before the first update.
+    pub(super) fn begin(fingerprint: [u8; 32], weights: Vec<f32>) -> Self {
+        let adam = Adam::new(weights.len());
+        Self { fingerprint, epoch: 0, minibatch: 0, epoch_loss: 0.0, update_s: 0.0, weights, adam }
+    }
+
+    pub(super) fn to_bytes(&self) -> Vec<u8> {
+        let mut bytes = MAGIC.to_vec();
+        bytes.extend(self.fingerprint);
+        bytes.extend(self.epoch.to_le_bytes());
+        bytes.extend(self.minibatch.to_le_bytes());
+        bytes.extend(self.epoch_loss.to_le_bytes());
+        bytes.extend(self.update_s.to_le_bytes());
+        bytes.extend(self.adam.updates.to_le_bytes());
+        for values in [&self.weights, &self.adam.first, &self.adam.second] {
+            bytes.extend(values.iter().flat_map(|x| x.to_le_bytes()));
+        }
+        bytes
+    }
+
+    /// The checkpoint in `bytes`, which must belong to the input of this fingerprint.
+    pub(super) fn from_bytes(bytes: &[u8], fingerprint: &[u8; 32]) -> Result<Self, String> {
+        let mut rest = bytes;
+        let mut take = |len: usize| {
+            let (head, tail) = rest.split_at_checked(len).ok_or("it is too short")?;
+            rest = tail;
+            Ok::<_, String>(head)
+        };
+        let eight = |bytes: &[u8]| <[u8; 8]>::try_from(bytes).expect("eight were taken");
+        if take(8)? != MAGIC {
+            return Err("it is of another format".to_owned());
+        }
+        if take(32)? != fingerprint {
+            return Err("it belongs to other events, settings or parent".to_owned());
+        }
+        let epoch = u32::from_le_bytes(<[u8; 4]>::try_from(take(4)?).expect("four were taken"));
+        let minibatch = u64::from_le_bytes(eight(take(8)?));
+        let epoch_loss = f64::from_le_bytes(eight(take(8)?));
+        let update_s = f64::from_le_bytes(eight(take(8)?));
+        let updates = u64::from_le_bytes(eight(take(8)?));
+        if !rest.len().is_multiple_of(12) {
+            return Err("its arrays are cut".to_owned());
+        }
+        let values: Vec<f32> =
+            rest.chunks_exact(4).map(|b| f32::from_le_bytes(<[u8; 4]>::try_from(b).expect("four each"))).collect();
+        let third = values.len() / 3;
+        let adam = Adam { updates, first: values[third..2 * third].to_vec(), second: values[2 * third..].to_vec() };
+        let weights = values[..third].to_vec();
+        Ok(Self { fingerprint: *fingerprint, epoch, minibatch, epoch_loss, update_s, weights, adam })
+    }
+}
+
+/// Digest of everything a stage's result depends on.
+pub(super) fn fingerprint(input: &StageInput<'_>, train: &[&Event]) -> [u8; 32] {
+    let mut hasher = Sha256::new();
+    let kept: Vec<_> = input.memory.iter().map(|m| (&m.regime, m.samples)).collect();
+    let plain = format!(
+        "{:?} {:?} {} {} {:?} {kept:?}",
+        input.method, input.settings, input.stage, input.regime, input.scaling
+    );
+    hasher.update(plain);
+    let memory = input.memory.iter().flat_map(|m| [&m.importance, &m.anchor]).flatten();
+    for value in input.parent_weights.unwrap_or_default().iter().chain(memory) {
+        hasher.update(value.to_le_bytes());
+    }
+    for event in train {
+        hasher.update(event.content_sha256());
+    }
+    hasher.finalize().into()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_checkpoint_survives_its_bytes_and_refuses_strangers() {
+        let mut checkpoint = Checkpoint::begin([7; 32], vec![1.0, -2.0, 3.0]);
+        checkpoint.epoch = 2;
+        checkpoint.minibatch = 9;
+        checkpoint.epoch_loss = 0.1;
+        checkpoint.adam.step(&mut checkpoint.weights, &[0.5, 0.5, 0.5], 0.1);
+        let bytes = checkpoint.to_bytes();
+        assert_eq!(Checkpoint::from_bytes(&bytes, &[7; 32]), Ok(checkpoint));
+        assert!(Checkpoint::from_bytes(&bytes, &[8; 32]).is_err());
+        assert!(Checkpoint::from_bytes(&bytes[..bytes.len() - 1], &[7; 32]).is_err());
+        assert!(Checkpoint::from_bytes(&bytes[..20], &[7; 32]).is_err());
+        assert!(Checkpoint::from_bytes(b"", &[7; 32]).is_err());
+    }
+}
