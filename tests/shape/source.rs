@@ -4,11 +4,11 @@
 //! argument in braces) is taken for the start of its body.
 
 /// Source in which comments and literals are told from code.
-pub struct Source {
+pub(crate) struct Source {
     /// The code; comments and the insides of literals are blanks, lines stay where they were.
-    pub code: String,
+    pub(crate) code: String,
     /// Line (from 1) and content of every string literal.
-    pub strings: Vec<(usize, String)>,
+    pub(crate) strings: Vec<(usize, String)>,
 }
 
 /// What the scanner is inside of.
@@ -22,7 +22,7 @@ enum Inside {
 }
 
 impl Source {
-    pub fn scan(text: &str) -> Self {
+    pub(crate) fn scan(text: &str) -> Self {
         let chars: Vec<char> = text.chars().collect();
         let mut source = Self { code: String::with_capacity(text.len()), strings: Vec::new() };
         let (mut inside, mut at, mut line) = (Inside::Code, 0, 1);
@@ -47,7 +47,7 @@ impl Source {
     }
 
     /// Words of the code with the line (from 1) of each, in order: identifiers, `::`, and single signs.
-    pub fn words(&self) -> Vec<(usize, &str)> {
+    pub(crate) fn words(&self) -> Vec<(usize, &str)> {
         let mut words = Vec::new();
         for (number, line) in self.code.lines().enumerate() {
             let mut rest = line.trim_start();
