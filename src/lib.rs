@@ -3,35 +3,35 @@
 //! Modules in reading order; each may use those above it and none below (`tests/shape.rs` holds them to it).
 //! See `ARCHITECTURE.md` for the map and the walkthroughs.
 
-/// Wiring: `serve(listener, shutdown)`.
-pub mod app;
-/// Words, signs and units: event, window, integrator, physics checks, IDM and generated traffic. Pure.
-pub mod car_following;
-/// One file per subcommand.
-pub mod cli;
-/// Every setting of the server, and where it came from.
-pub mod config;
-/// What keeps a model from forgetting: importance, anchors, the penalty and its step. Pure.
-pub mod consolidation;
-/// The learned driver: scaling, LSTM and limit; window accelerations and closed-loop drives. Pure.
-pub mod driver;
-/// JSON, NDJSON, CSV, Parquet bodies into raw events.
-pub mod formats;
-/// The REST interface: router, problems, one file per resource.
-pub mod http;
-/// An upload's way from a body to stored events.
-pub mod ingest;
-/// The words of the service: model, settings, batch, task, version, promotion policy. Pure.
-pub mod lineage;
 /// The network: one flat parameter vector, forward and backward passes, kernels. Pure arithmetic.
 pub mod lstm;
+/// Words, signs and units: event, window, integrator, physics checks, IDM and generated traffic. Pure.
+pub mod car_following;
+/// The learned driver: scaling, LSTM and limit; window accelerations and closed-loop drives. Pure.
+pub mod driver;
+/// What keeps a model from forgetting: importance, anchors, the penalty and its step. Pure.
+pub mod consolidation;
+/// Learning one stage: loss, optimiser, loop, checkpoint, evaluation. Pure.
+pub mod training;
+/// The words of the service: model, settings, batch, task, version, promotion policy. Pure.
+pub mod lineage;
+/// JSON, NDJSON, CSV, Parquet bodies into raw events.
+pub mod formats;
+/// The only home of SQL: one file per resource.
+pub mod store;
+/// An upload's way from a body to stored events.
+pub mod ingest;
 /// The live version behind a swap; predictions and simulations.
 pub mod predictor;
 /// Which task runs when: triggers, the queue, the learn job.
 pub mod scheduler;
-/// The only home of SQL: one file per resource.
-pub mod store;
 /// Logs and metrics.
 pub mod telemetry;
-/// Learning one stage: loss, optimiser, loop, checkpoint, evaluation. Pure.
-pub mod training;
+/// The REST interface: router, problems, one file per resource.
+pub mod http;
+/// Every setting of the server, composed of each layer's own, and where it came from.
+pub mod config;
+/// Wiring: `serve(listener, shutdown)`.
+pub mod app;
+/// One file per subcommand.
+pub mod cli;

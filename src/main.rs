@@ -1,1 +1,3 @@
+//! The `headway` binary; everything is in the library.
+
 fn main() {}

@@ -22,7 +22,7 @@ pub struct Model {
     pub head: Option<i64>,
     /// Whether its training is held.
     pub paused: bool,
-    /// Grows with every change; the ETag.
+    /// Grows with every change; the `ETag`.
     pub revision: i64,
     /// When it was created.
     pub created_at: Timestamp,

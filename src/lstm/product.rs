@@ -1,5 +1,5 @@
 //! Matrix products on borrowed, strided matrices: the one place where safe views meet the kernel library's raw pointers.
-#![allow(unsafe_code)]
+#![allow(unsafe_code, reason = "the kernel library takes pointers and strides")]
 
 use nalgebra::{Dyn, MatrixView};
 

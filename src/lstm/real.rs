@@ -11,10 +11,13 @@ pub trait Real: RealField + Copy {
     /// As f64.
     fn wide(self) -> f64;
     /// Hyperbolic tangent, fast enough for inner loops; f32 within 4e-7 of the true value.
+    #[must_use]
     fn fast_tanh(self) -> Self;
     /// Logistic function, likewise.
+    #[must_use]
     fn fast_sigmoid(self) -> Self;
     /// `self · b + c`, rounded once where the hardware can.
+    #[must_use]
     fn fma(self, b: Self, c: Self) -> Self;
 }
 

@@ -37,6 +37,7 @@ pub enum StoreError {
 
 impl StoreError {
     /// A stored `what` that cannot be read back.
+    #[expect(clippy::needless_pass_by_value, reason = "callers hand over an error they are done with")]
     pub(crate) fn malformed(what: &'static str, detail: impl ToString) -> Self {
         Self::Malformed { what, detail: detail.to_string() }
     }
