@@ -78,7 +78,7 @@ pub struct RegimeEvaluation {
     pub measures: Option<TestMeasures>,
     /// The parent's, on the newly learned regime only.
     pub before: Option<TestMeasures>,
-    /// R[j,j]: spacing error at `learned_version`.
+    /// `R[j,j]`: spacing error at `learned_version`.
     pub diagonal_spacing_mse: Option<f64>,
     /// Least spacing error since `learned_version`, this version excluded.
     pub best_spacing_mse: Option<f64>,

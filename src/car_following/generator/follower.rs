@@ -95,11 +95,6 @@ impl Follower {
         past
     }
 
-    #[expect(
-        clippy::cast_possible_truncation,
-        clippy::cast_sign_loss,
-        reason = "a reaction is some tenths of a second"
-    )]
     fn late_steps(&self, dt_s: f64) -> usize {
         (self.reaction_s / dt_s).round() as usize
     }

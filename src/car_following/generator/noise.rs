@@ -19,7 +19,6 @@ impl Noise {
     }
 
     /// Uniform in [0, 1).
-    #[expect(clippy::cast_precision_loss, reason = "53 bits fit")]
     pub(super) fn unit(&mut self) -> f64 {
         (self.0.next_u64() >> 11) as f64 / (1u64 << 53) as f64
     }
