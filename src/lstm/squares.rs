@@ -32,8 +32,7 @@ impl<T: Real> Overlap<T> {
     /// Recurrent weights have no shortcut through summed products: `(Σ_τ δ_τ h_τᵀ)²` needs each window's own sum.
     pub fn add_magnitudes(&self, magnitude: Magnitude, sums: &mut [T]) {
         let empty = Vec::new;
-        let mut window =
-            Window { deltas: empty(), states: empty(), inputs: empty(), answer: empty(), dy: T::zero() };
+        let mut window = Window { deltas: empty(), states: empty(), inputs: empty(), answer: empty(), dy: T::zero() };
         for start in 0..self.plan.steps() {
             for (n, answer) in self.plan.first(start).enumerate() {
                 self.gather(&mut window, start, n, answer);

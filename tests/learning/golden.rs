@@ -71,7 +71,8 @@ fn case() -> Case {
         .events
         .iter()
         .map(|e| {
-            let [spacing, follower, leader] = [&e.spacing_m, &e.follower_speed_mps, &e.leader_speed_mps].map(Clone::clone);
+            let [spacing, follower, leader] =
+                [&e.spacing_m, &e.follower_speed_mps, &e.leader_speed_mps].map(Clone::clone);
             Event::new(f64::from(golden.dt_s), spacing, follower, leader)
         })
         .collect();
