@@ -88,7 +88,8 @@ create table task (
     parent_version   integer,                    -- these two are fixed when it first starts
     stage            integer,
     version          integer,                    -- its outcome
-    attempt          integer not null default 0,
+    attempt          integer not null default 0, -- starts and resumptions
+    crashes          integer not null default 0, -- of these, after its process died
     cancel_requested integer not null default 0 check (cancel_requested in (0, 1)),
     error_code       text,
     error_detail     text,
@@ -114,6 +115,7 @@ create index task_event_by_event on task_event (event_id, task_id);
 create table checkpoint (
     task_id      integer primary key references task,
     saved_at     text not null,
+    share        real not null,                  -- done, 0 to 1
     state        blob not null,
     state_sha256 blob not null
 ) strict;

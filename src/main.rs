@@ -1,3 +1,5 @@
 //! The `headway` binary; everything is in the library.
 
-fn main() {}
+fn main() -> anyhow::Result<()> {
+    headway::cli::run()
+}

@@ -1,1 +1,172 @@
-//! To come.
+//! Logs to stderr, and metrics for `/metrics`.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use metrics::{Unit, counter, describe_counter, describe_gauge, describe_histogram, gauge, histogram};
+use metrics_exporter_prometheus::{PrometheusBuilder, PrometheusHandle, PrometheusRecorder};
+use serde::{Deserialize, Serialize};
+use tracing_subscriber::EnvFilter;
+use tracing_subscriber::fmt;
+
+/// How the log looks.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct LogSettings {
+    /// Text or JSON.
+    pub format: LogFormat,
+    /// What is logged: `tracing` directives such as `info,headway=debug`.
+    pub filter: String,
+}
+
+/// How a log line is written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum LogFormat {
+    /// For a person.
+    Text,
+    /// One object a line.
+    Json,
+}
+
+/// Sends the process's log to stderr. The first call decides.
+///
+/// # Errors
+/// When the filter cannot be parsed.
+pub fn start_logging(settings: &LogSettings) -> Result<(), tracing_subscriber::filter::ParseError> {
+    let filter = EnvFilter::builder().parse(&settings.filter)?;
+    let builder = fmt().with_env_filter(filter).with_writer(std::io::stderr);
+    // A second server in one process, as in tests, logs with the first.
+    let _ = match settings.format {
+        LogFormat::Text => builder.try_init(),
+        LogFormat::Json => builder.json().try_init(),
+    };
+    Ok(())
+}
+
+/// The metrics of one server; clones share them.
+#[derive(Clone)]
+pub struct Metrics {
+    recorder: Arc<PrometheusRecorder>,
+    handle: PrometheusHandle,
+}
+
+impl std::fmt::Debug for Metrics {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str("Metrics")
+    }
+}
+
+impl Default for Metrics {
+    fn default() -> Self {
+        let buckets = [0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 5.0, 10.0, 30.0, 60.0];
+        let task_buckets = [1.0, 5.0, 15.0, 60.0, 300.0, 900.0, 3600.0, 14400.0];
+        let matcher = metrics_exporter_prometheus::Matcher::Full("headway_task_duration_seconds".to_owned());
+        let recorder = PrometheusBuilder::new()
+            .set_buckets(&buckets)
+            .and_then(|b| b.set_buckets_for_metric(matcher, &task_buckets))
+            .expect("buckets are not empty")
+            .build_recorder();
+        let handle = recorder.handle();
+        let metrics = Self { recorder: Arc::new(recorder), handle };
+        metrics.with(describe);
+        metrics
+    }
+}
+
+fn describe() {
+    describe_counter!("headway_http_requests_total", Unit::Count, "Requests answered.");
+    describe_histogram!("headway_http_request_duration_seconds", Unit::Seconds, "From request to answer's head.");
+    describe_counter!("headway_predictions_total", Unit::Count, "Windows predicted and simulations driven.");
+    describe_counter!("headway_uploads_total", Unit::Count, "Uploads by outcome.");
+    describe_counter!("headway_uploaded_bytes_total", Unit::Bytes, "Bytes of uploaded bodies as sent.");
+    describe_counter!("headway_events_total", Unit::Count, "Uploaded events by outcome.");
+    describe_counter!("headway_tasks_total", Unit::Count, "Tasks that ended, by state.");
+    describe_histogram!("headway_task_duration_seconds", Unit::Seconds, "From a task's start to its end.");
+    describe_counter!("headway_training_events_total", Unit::Count, "Training events of the versions made.");
+    describe_gauge!("headway_live_version", Unit::Count, "The version that serves; 0 when none does.");
+    describe_gauge!("headway_tasks", Unit::Count, "Tasks queued and running.");
+}
+
+impl Metrics {
+    /// What Prometheus reads.
+    #[must_use]
+    pub fn render(&self) -> String {
+        self.handle.run_upkeep();
+        self.handle.render()
+    }
+
+    /// A request was answered.
+    pub fn http_request(&self, route: &str, method: &str, status: u16, elapsed_s: f64) {
+        let labels = [("route", route.to_owned()), ("method", method.to_owned()), ("status", status.to_string())];
+        self.with(|| {
+            counter!("headway_http_requests_total", &labels).increment(1);
+            histogram!("headway_http_request_duration_seconds", &labels).record(elapsed_s);
+        });
+    }
+
+    /// Windows were predicted, or a simulation was driven.
+    pub fn predictions(&self, model: &str, version: i64, kind: &'static str, count: u64) {
+        let labels = [("model", model.to_owned()), ("version", version.to_string()), ("kind", kind.to_owned())];
+        self.with(|| counter!("headway_predictions_total", &labels).increment(count));
+    }
+
+    /// An upload ended.
+    pub fn upload(&self, model: &str, outcome: &'static str, bytes: u64, events: [(&'static str, u64); 3]) {
+        let model = model.to_owned();
+        self.with(|| {
+            counter!("headway_uploads_total", "model" => model.clone(), "outcome" => outcome).increment(1);
+            counter!("headway_uploaded_bytes_total", "model" => model.clone()).increment(bytes);
+            for (outcome, count) in events {
+                counter!("headway_events_total", "model" => model.clone(), "outcome" => outcome).increment(count);
+            }
+        });
+    }
+
+    /// A task ended.
+    pub fn task_ended(&self, model: &str, state: &'static str, elapsed: Duration, train_events: u64) {
+        let model = model.to_owned();
+        self.with(|| {
+            counter!("headway_tasks_total", "model" => model.clone(), "state" => state).increment(1);
+            histogram!("headway_task_duration_seconds", "model" => model.clone(), "state" => state)
+                .record(elapsed.as_secs_f64());
+            counter!("headway_training_events_total", "model" => model.clone()).increment(train_events);
+        });
+    }
+
+    /// How things stand with a model.
+    #[expect(clippy::cast_precision_loss, reason = "Prometheus counts in f64")]
+    pub fn model_state(&self, model: &str, live: Option<i64>, queued: u64, running: u64) {
+        let model = model.to_owned();
+        self.with(|| {
+            gauge!("headway_live_version", "model" => model.clone()).set(live.unwrap_or(0) as f64);
+            gauge!("headway_tasks", "model" => model.clone(), "state" => "queued").set(queued as f64);
+            gauge!("headway_tasks", "model" => model.clone(), "state" => "running").set(running as f64);
+        });
+    }
+
+    /// Records into this server's metrics, not into a recorder of the process.
+    fn with(&self, record: impl FnOnce()) {
+        metrics::with_local_recorder(&*self.recorder, record);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn two_servers_count_for_themselves() {
+        let (one, other) = (Metrics::default(), Metrics::default());
+        one.http_request("/healthz", "GET", 200, 0.001);
+        let expected = r#"headway_http_requests_total{route="/healthz",method="GET",status="200"} 1"#;
+        assert!(one.render().contains(expected), "{}", one.render());
+        assert!(!other.render().contains("/healthz"));
+    }
+
+    #[test]
+    fn the_log_filter_is_checked() {
+        let settings = LogSettings { format: LogFormat::Text, filter: "headway=loud".to_owned() };
+        assert!(start_logging(&settings).is_err());
+    }
+}

@@ -1,9 +1,16 @@
 //! Car-following in words, signs and units: everything SI, relative speed = leader − follower, spacing bumper to bumper.
 
+mod check;
+mod check_settings;
 mod event;
 mod generator;
 mod idm;
+mod recording;
+mod resample;
 
+pub use check_settings::{CheckSettings, CheckSettingsError};
 pub use event::Event;
 pub use generator::{GeneratedEvent, TrafficRegime, TrafficSettings, generate};
 pub use idm::{FollowerState, Idm};
+pub use recording::{Conversion, Defect, Recording, SpacingDefinition, Target};
+pub use resample::resampled_steps;

@@ -1,1 +1,32 @@
-//! To come.
+//! The command line. One file per subcommand; without one, `headway` serves.
+
+mod serve;
+
+use clap::{Parser, Subcommand};
+
+/// Continual learning of car-following models as a service.
+#[derive(Debug, Parser)]
+#[command(name = "headway", version, about, args_conflicts_with_subcommands = true)]
+struct Arguments {
+    #[command(subcommand)]
+    command: Option<Command>,
+    #[command(flatten)]
+    serve: serve::ServeArguments,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Run the server (what `headway` without a subcommand does).
+    Serve(serve::ServeArguments),
+}
+
+/// Reads the command line and does what it says.
+///
+/// # Errors
+/// When the command could not do its work; the message is for a person.
+pub fn run() -> anyhow::Result<()> {
+    let arguments = Arguments::parse();
+    match arguments.command.unwrap_or(Command::Serve(arguments.serve)) {
+        Command::Serve(arguments) => serve::run(&arguments),
+    }
+}

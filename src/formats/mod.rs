@@ -1,1 +1,80 @@
-//! To come.
+//! Bodies into raw events, one at a time: bounded memory whatever the length of the body.
+//!
+//! An event that cannot be read is a `Rejection` and the next one follows; a body that cannot be read is a
+//! [`FormatError`] and nothing of it counts.
+
+/// One column's cells of a Parquet file, a chunk at a time.
+mod cells;
+/// Columns by name: presets and the roles their columns play.
+mod columns;
+/// CSV: one step a row.
+mod csv;
+/// An event while it is being read.
+mod draft;
+/// What makes a whole body unusable.
+mod error;
+/// JSON: a document with `events`.
+mod json;
+/// One JSON event, read so that a bad value rejects the event and not the body.
+mod json_event;
+/// Most bytes, steps and events.
+mod limits;
+/// Content types and encodings.
+mod media;
+/// NDJSON: one event a line.
+mod ndjson;
+/// Where decoded events go.
+mod output;
+/// Parquet: one step a row.
+mod parquet;
+/// A decoded event, and where it was.
+mod raw;
+/// Rows of one event into that event.
+mod rows;
+/// The body's bytes: decompressed, counted.
+mod source;
+
+use std::fs::File;
+
+pub use columns::Preset;
+pub use error::FormatError;
+pub use limits::{FormatLimits, FormatLimitsError};
+pub use media::{Encoding, Format};
+pub use output::Sink;
+pub use raw::{Origin, RawEvent};
+
+/// What a body is said to be.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct BodyKind {
+    /// Its content type.
+    pub format: Format,
+    /// Its content encoding.
+    pub encoding: Encoding,
+    /// The columns of a tabular body.
+    pub preset: Preset,
+}
+
+/// Decodes the body in `file` from its beginning, giving each event or rejection to `sink` in order.
+///
+/// # Errors
+/// When the body as a whole cannot be used. What `sink` was given before then is to be forgotten.
+pub fn decode(file: File, kind: BodyKind, limits: &FormatLimits, sink: &mut Sink<'_>) -> Result<(), FormatError> {
+    kind.preset.check(kind.format)?;
+    let mut output = output::Output::new(limits, sink);
+    let (file, budget) = source::open(file, limits)?;
+    match kind.format {
+        Format::Json => json::decode(source::decompress(file, kind.encoding, &budget)?, &budget, &mut output)?,
+        Format::Ndjson => ndjson::decode(source::decompress(file, kind.encoding, &budget)?, &budget, &mut output)?,
+        Format::Csv => {
+            csv::decode(source::decompress(file, kind.encoding, &budget)?, &budget, kind.preset, &mut output)?;
+        }
+        Format::Parquet => {
+            let file = source::seekable(file, kind.encoding, &budget)?;
+            parquet::decode(file, kind.preset, limits, &mut output)?;
+        }
+    }
+    output.end()
+}
+
+#[cfg(test)]
+pub(crate) mod tests;

@@ -1,1 +1,18 @@
-//! To come.
+//! An upload's way from a body to stored events: spooled, decoded, checked and stored in one transaction.
+
+mod decode;
+mod error;
+mod options;
+mod receipt;
+mod settings;
+mod spool;
+#[cfg(test)]
+mod tests;
+mod upload;
+
+pub use error::IngestError;
+pub use options::{OptionError, SpacingKind, UploadOptions};
+pub use receipt::{Receipt, SpeedRange, Summary};
+pub use settings::{IngestSettings, IngestSettingsError};
+pub use spool::{Interrupted, Spool, SpoolError, Spooled, spool};
+pub use upload::{Received, Upload, receive};

@@ -1,17 +1,22 @@
 //! The words of the service: what a client of the interface names, checked once and then known to be right.
 
+mod batch;
 mod model;
 mod names;
 mod promotion;
 mod regime;
 mod settings;
+mod split;
 mod task;
+mod task_settings;
 mod version;
 
+pub use batch::{Batch, EventCounts, Place, Rejection};
 pub use model::Model;
 pub use names::{ModelName, NameError, RegimeName};
 pub use promotion::{Promotion, PromotionDecision, PromotionPolicy, RegimeComparison};
 pub use regime::{RegimeRule, Schedule, SpeedBands};
 pub use settings::{Memory, ModelSettings, SettingsError};
+pub use split::Split;
 pub use task::{Task, TaskError, TaskState};
 pub use version::{RegimeEvaluation, TestMeasures, Version};

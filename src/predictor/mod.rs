@@ -1,1 +1,147 @@
-//! To come.
+//! Loaded versions: the live one of every model behind a swap, a few named ones beside them; predict and simulate.
+//!
+//! A request takes one loaded version and keeps it to its end, so that a swap neither drops nor mixes requests.
+
+mod answer;
+mod error;
+mod loaded;
+mod recent;
+mod settings;
+#[cfg(test)]
+mod tests;
+
+use std::collections::BTreeMap;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+
+use arc_swap::ArcSwap;
+
+pub use answer::{Flag, Prediction, Simulated};
+pub use error::PredictError;
+pub use loaded::Loaded;
+pub use settings::PredictorSettings;
+
+use crate::store::Store;
+use recent::Recent;
+
+/// What serves for a model.
+#[derive(Debug, Clone)]
+enum Live {
+    Loaded(Arc<Loaded>),
+    /// The store says it is live, but it cannot be loaded. Never served; the log says why.
+    Unusable(i64),
+}
+
+/// Serves every model's live version, and named ones.
+#[derive(Debug)]
+pub struct Predictor {
+    store: Arc<Store>,
+    settings: PredictorSettings,
+    live: ArcSwap<BTreeMap<i64, Live>>,
+    recent: Mutex<Recent>,
+    /// Whether all live versions were looked for at start-up.
+    started: AtomicBool,
+    /// One change of `live` at a time, so that a slow one cannot bring back an older version.
+    refreshing: tokio::sync::Mutex<()>,
+}
+
+impl Predictor {
+    /// A predictor that has loaded nothing yet; see [`Self::load_all`].
+    #[must_use]
+    pub fn new(store: Arc<Store>, settings: PredictorSettings) -> Self {
+        let recent = Mutex::new(Recent::new(settings.named_versions));
+        Self {
+            store,
+            settings,
+            live: ArcSwap::default(),
+            recent,
+            started: AtomicBool::new(false),
+            refreshing: tokio::sync::Mutex::new(()),
+        }
+    }
+
+    /// Loads the live version of every model. A version that cannot be loaded is logged and not served.
+    ///
+    /// # Errors
+    /// When the database cannot be read.
+    pub async fn load_all(&self) -> Result<(), crate::store::StoreError> {
+        for (model_id, _) in self.store.live_versions().await? {
+            self.refresh(model_id).await;
+        }
+        self.started.store(true, Ordering::Release);
+        Ok(())
+    }
+
+    /// Whether every live version, if any, is loaded.
+    #[must_use]
+    pub fn ready(&self) -> bool {
+        self.started.load(Ordering::Acquire) && self.live.load().values().all(|live| matches!(live, Live::Loaded(_)))
+    }
+
+    /// Brings the model's live version in line with the store: to be called after every commit that moved it.
+    pub async fn refresh(&self, model_id: i64) {
+        let _one_at_a_time = self.refreshing.lock().await;
+        let live = match self.store.model_by_id(model_id).await {
+            Ok(model) => model.live,
+            Err(error) => {
+                tracing::error!(model_id, %error, "the live version cannot be read; the one before goes on serving");
+                return;
+            }
+        };
+        let served = match live {
+            None => None,
+            Some(version) => Some(self.load_live(model_id, version).await),
+        };
+        let mut all = BTreeMap::clone(&self.live.load());
+        match served {
+            Some(served) => all.insert(model_id, served),
+            None => all.remove(&model_id),
+        };
+        self.live.store(Arc::new(all));
+    }
+
+    async fn load_live(&self, model_id: i64, version: i64) -> Live {
+        match self.live.load().get(&model_id) {
+            Some(Live::Loaded(loaded)) if loaded.version() == version => return Live::Loaded(Arc::clone(loaded)),
+            _ => {}
+        }
+        match Loaded::load(&self.store, model_id, version).await {
+            Ok(loaded) => Live::Loaded(Arc::new(loaded)),
+            Err(error) => {
+                tracing::error!(model_id, version, %error, "the live version cannot be loaded and is not served");
+                Live::Unusable(version)
+            }
+        }
+    }
+
+    /// The version that answers a request: the named one, else the live one.
+    ///
+    /// # Errors
+    /// When there is no such version, or it cannot be loaded.
+    pub async fn version(&self, model_id: i64, version: Option<i64>) -> Result<Arc<Loaded>, PredictError> {
+        let live = self.live.load().get(&model_id).cloned();
+        match (version, live) {
+            (None, None) => Err(PredictError::NoLiveVersion),
+            (None, Some(Live::Unusable(version))) => Err(PredictError::Unusable(version)),
+            (None, Some(Live::Loaded(loaded))) => Ok(loaded),
+            (Some(named), Some(Live::Loaded(loaded))) if loaded.version() == named => Ok(loaded),
+            (Some(named), _) => self.named(model_id, named).await,
+        }
+    }
+
+    async fn named(&self, model_id: i64, version: i64) -> Result<Arc<Loaded>, PredictError> {
+        let recent = || self.recent.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(loaded) = recent().get(model_id, version) {
+            return Ok(loaded);
+        }
+        let loaded = Arc::new(Loaded::load(&self.store, model_id, version).await?);
+        recent().put(model_id, Arc::clone(&loaded));
+        Ok(loaded)
+    }
+
+    /// The settings.
+    #[must_use]
+    pub fn settings(&self) -> &PredictorSettings {
+        &self.settings
+    }
+}

@@ -1,1 +1,25 @@
-//! To come.
+//! Which task runs when: triggers, the queue, the learn job.
+//!
+//! One task runs at a time per model, `parallel_tasks` in all, in the order of their ids within a model. Everything that
+//! outlives the process is in the store; here is only what runs now and how to stop it. [`Scheduler::tick`] is one turn,
+//! which a test can make by hand; [`Scheduler::run`] makes them for the server.
+
+mod handle;
+mod importance;
+mod job;
+mod learner;
+mod observer;
+mod running;
+mod settings;
+mod stage;
+#[cfg(test)]
+mod tests;
+mod tick;
+mod triggers;
+mod verdict;
+
+pub use handle::Scheduler;
+pub use learner::{Learner, Training};
+pub use running::TaskProgress;
+pub use settings::SchedulerSettings;
+pub use tick::TickOutcome;

@@ -3,8 +3,40 @@
 //! One connection writes, always inside `BEGIN IMMEDIATE` (a deferred read-then-write fails at once when another writer
 //! got in between, and ignores the busy timeout); a pool of read-only connections reads.
 
+/// Batches: beginning, ending and reading them.
+pub mod batch;
+mod census;
+mod checkpoint;
+mod column;
 mod error;
+/// Events: storing each content once.
+pub mod event;
+#[cfg(test)]
+pub(crate) mod fixture;
+/// Who served when and why.
+pub mod history;
+/// Answers that are given again.
+pub mod idempotency;
+mod ledger;
+mod line;
+/// Promote and rollback.
+pub mod live;
+/// Models: creating, reading, pausing.
+pub mod model;
+/// How a task ends.
+pub mod outcome;
+mod pointers;
+/// Events that were refused.
+pub mod rejection;
+/// Retracting a batch that was never learned.
+pub mod retract;
+/// From waiting events to tasks.
+pub mod selection;
 mod settings;
+/// Tasks: reading, starting, cancelling.
+pub mod task;
+/// Versions and their notes.
+pub mod version;
 
 use std::fs::File;
 use std::path::Path;
@@ -12,7 +44,10 @@ use std::path::Path;
 use sqlx::sqlite::{SqliteConnectOptions, SqliteJournalMode, SqlitePoolOptions, SqliteSynchronous};
 use sqlx::{Sqlite, SqlitePool, Transaction};
 
+pub use census::ModelCensus;
 pub use error::StoreError;
+pub use ledger::LedgerEvent;
+pub use line::LineRegime;
 pub use settings::StoreSettings;
 
 /// A write transaction; dropped without a commit it never happened.

@@ -1,0 +1,94 @@
+//! `headway serve`: the server.
+
+use std::io::Write;
+use std::net::SocketAddr;
+use std::path::PathBuf;
+
+use anyhow::Context;
+use clap::Args;
+use tokio::net::TcpListener;
+
+use crate::app;
+use crate::config::{Config, Layer};
+use crate::telemetry;
+
+/// What `headway serve` can be told; everything else is in the settings.
+#[derive(Debug, Args)]
+pub(super) struct ServeArguments {
+    /// Address and port to listen on; port 0 picks a free one [default: 127.0.0.1:8080]
+    #[arg(long, value_name = "HOST:PORT")]
+    listen: Option<SocketAddr>,
+    /// The database file; created when it is absent [default: ./headway.db]
+    #[arg(long, value_name = "FILE")]
+    database: Option<PathBuf>,
+    /// A TOML file of settings (see --print-settings)
+    #[arg(long, value_name = "FILE", env = "HEADWAY_CONFIG")]
+    config: Option<PathBuf>,
+    /// One setting, as often as needed: --set model.hidden=64
+    #[arg(long = "set", value_name = "SECTION.KEY=VALUE")]
+    settings: Vec<String>,
+    /// Print every setting with its default and meaning, and exit
+    #[arg(long)]
+    print_settings: bool,
+}
+
+impl ServeArguments {
+    fn resolve(&self) -> anyhow::Result<Config> {
+        let mut layers = Vec::new();
+        if let Some(path) = &self.config {
+            layers.push(Layer::file(path)?);
+        }
+        layers.extend(Layer::variables(
+            std::env::vars_os().filter_map(|(name, text)| Some((name.into_string().ok()?, text.into_string().ok()?))),
+        )?);
+        for setting in &self.settings {
+            let (key, value) =
+                setting.split_once('=').with_context(|| format!("--set {setting}: SECTION.KEY=VALUE is needed"))?;
+            layers.push(Layer::one("--set", key.trim(), value.trim()));
+        }
+        if let Some(address) = self.listen {
+            layers.push(Layer::string("--listen", "server.listen", &address.to_string()));
+        }
+        if let Some(path) = &self.database {
+            let path = path.to_str().context("--database: the path is not UTF-8")?;
+            layers.push(Layer::string("--database", "database.path", path));
+        }
+        Ok(Config::resolve(layers)?)
+    }
+}
+
+/// Serves until SIGTERM or SIGINT.
+pub(super) fn run(arguments: &ServeArguments) -> anyhow::Result<()> {
+    let mut stdout = std::io::stdout();
+    if arguments.print_settings {
+        return Ok(stdout.write_all(crate::config::DEFAULTS.as_bytes())?);
+    }
+    let config = arguments.resolve()?;
+    telemetry::start_logging(&config.log).context("log.filter")?;
+    let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
+    let served = runtime.block_on(async {
+        let listen = config.server.listen;
+        let listener = TcpListener::bind(listen).await.with_context(|| format!("cannot listen on {listen}"))?;
+        let signal = signals()?;
+        let announce = |address: SocketAddr| -> std::io::Result<()> {
+            writeln!(stdout, "listening on http://{address}")?;
+            stdout.flush()
+        };
+        app::serve(listener, config, announce, signal).await
+    });
+    // What still computes after the drain is not waited for.
+    runtime.shutdown_background();
+    served
+}
+
+/// Resolves at the first SIGTERM or SIGINT.
+fn signals() -> std::io::Result<impl Future<Output = ()>> {
+    use tokio::signal::unix::{SignalKind, signal};
+    let (mut terminate, mut interrupt) = (signal(SignalKind::terminate())?, signal(SignalKind::interrupt())?);
+    Ok(async move {
+        tokio::select! {
+            _ = terminate.recv() => {}
+            _ = interrupt.recv() => {}
+        }
+    })
+}

@@ -1,0 +1,81 @@
+//! CSV: one step a row, under a header.
+
+use std::io::BufRead;
+
+use ::csv::{ByteRecord, ErrorKind, ReaderBuilder};
+
+use super::FormatError;
+use super::columns::{Preset, Role};
+use super::output::Output;
+use super::rows::{Cell, Rows};
+use super::source::Budget;
+use crate::lineage::Place;
+
+/// Decodes row by row. A row with other cells than the header refuses its event; at the end of the body a row with
+/// fewer means that the body was cut.
+pub(super) fn decode(
+    reader: Box<dyn BufRead>,
+    budget: &Budget,
+    preset: Preset,
+    output: &mut Output<'_, '_>,
+) -> Result<(), FormatError> {
+    let mut reader = ReaderBuilder::new().has_headers(false).flexible(true).from_reader(reader);
+    let mut record = ByteRecord::new();
+    if !next(&mut reader, &mut record, budget)? {
+        return Err(FormatError::Truncated { detail: "there is no header".to_owned() });
+    }
+    let mut names = Vec::with_capacity(record.len());
+    for name in &record {
+        names.push(text(name, None)?.to_owned());
+    }
+    let roles = preset.roles(names.iter().map(String::as_str))?;
+    let mut rows = Rows::new(roles.clone());
+    let mut short = None;
+    for number in 1.. {
+        if !next(&mut reader, &mut record, budget)? {
+            break;
+        }
+        short = (record.len() < roles.len()).then_some((number, record.len()));
+        let mut cells = Vec::with_capacity(roles.len());
+        for (&role, cell) in roles.iter().zip(record.iter().chain(std::iter::repeat(&b""[..]))) {
+            cells.push(read(role, cell, number)?);
+        }
+        rows.row(number, &cells, output)?;
+        if record.len() != roles.len() {
+            rows.ragged(record.len());
+        }
+    }
+    if let Some((number, found)) = short {
+        let detail = format!("row {number}, the last, has {found} of {} cells", roles.len());
+        return Err(FormatError::Truncated { detail });
+    }
+    rows.flush(output)
+}
+
+fn next(
+    reader: &mut ::csv::Reader<Box<dyn BufRead>>,
+    record: &mut ByteRecord,
+    budget: &Budget,
+) -> Result<bool, FormatError> {
+    budget.next_event();
+    reader.read_byte_record(record).map_err(|error| match error.into_kind() {
+        ErrorKind::Io(error) => error.into(),
+        other => FormatError::malformed(None, format!("{other:?}")),
+    })
+}
+
+fn text(cell: &[u8], row: Option<u64>) -> Result<&str, FormatError> {
+    std::str::from_utf8(cell)
+        .map(str::trim)
+        .map_err(|_| FormatError::malformed(row.map(Place::Row), "CSV must be UTF-8, and a cell is not"))
+}
+
+fn read(role: Role, cell: &[u8], row: u64) -> Result<Cell<'_>, FormatError> {
+    if role == Role::Ignored {
+        return Ok(Cell::Missing);
+    }
+    Ok(match text(cell, Some(row))? {
+        "" => Cell::Missing,
+        text => Cell::Text(text),
+    })
+}

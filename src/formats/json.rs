@@ -1,0 +1,114 @@
+//! JSON: a document with `events`.
+
+use std::fmt;
+use std::io::BufRead;
+
+use serde::de::{DeserializeSeed, Deserializer, Error as _, MapAccess, SeqAccess, Visitor};
+
+use super::FormatError;
+use super::draft::{Draft, shortened};
+use super::json_event::EventSeed;
+use super::output::Output;
+use super::raw::Origin;
+use super::source::Budget;
+use crate::lineage::Place;
+
+/// Decodes `{"events": […]}` event by event.
+pub(super) fn decode(
+    reader: Box<dyn BufRead>,
+    budget: &Budget,
+    output: &mut Output<'_, '_>,
+) -> Result<(), FormatError> {
+    let mut deserializer = serde_json::Deserializer::from_reader(reader);
+    let mut failure = None;
+    let document = Document { budget, output, failure: &mut failure };
+    let read = deserializer.deserialize_map(document).and_then(|()| deserializer.end());
+    match (failure, read) {
+        (Some(failure), _) => Err(failure),
+        (None, Ok(())) => Ok(()),
+        (None, Err(error)) if error.is_eof() => Err(FormatError::Truncated { detail: error.to_string() }),
+        (None, Err(error)) if error.is_io() => Err(std::io::Error::from(error).into()),
+        (None, Err(error)) => Err(FormatError::malformed(None, error)),
+    }
+}
+
+/// The document. Serde's errors are text only, so that ours are kept beside.
+struct Document<'a, 'o, 's> {
+    budget: &'a Budget,
+    output: &'a mut Output<'o, 's>,
+    failure: &'a mut Option<FormatError>,
+}
+
+impl<'de> Visitor<'de> for Document<'_, '_, '_> {
+    type Value = ();
+
+    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("an object with \"events\"")
+    }
+
+    fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<(), A::Error> {
+        let Self { budget, output, failure } = self;
+        let mut seen = false;
+        while let Some(key) = map.next_key::<String>()? {
+            let invalid = match key.as_str() {
+                "events" if !seen => {
+                    seen = true;
+                    map.next_value_seed(Events { budget, output, failure })?;
+                    continue;
+                }
+                "events" => "duplicate_field",
+                _ => "unknown_field",
+            };
+            let key = shortened(&key);
+            let place = Place::Pointer(format!("/{}", key.replace('~', "~0").replace('/', "~1")));
+            let detail = format!("{key:?}: the document holds \"events\", once, and nothing else");
+            *failure = Some(FormatError::invalid(place, invalid, detail));
+            return Err(A::Error::custom("stopped"));
+        }
+        if !seen {
+            let detail = "\"events\" is missing".to_owned();
+            *failure = Some(FormatError::invalid(Place::Pointer(String::new()), "missing_field", detail));
+            return Err(A::Error::custom("stopped"));
+        }
+        Ok(())
+    }
+}
+
+struct Events<'a, 'o, 's> {
+    budget: &'a Budget,
+    output: &'a mut Output<'o, 's>,
+    failure: &'a mut Option<FormatError>,
+}
+
+impl<'de> DeserializeSeed<'de> for Events<'_, '_, '_> {
+    type Value = ();
+
+    fn deserialize<D: Deserializer<'de>>(self, deserializer: D) -> Result<(), D::Error> {
+        deserializer.deserialize_seq(self)
+    }
+}
+
+impl<'de> Visitor<'de> for Events<'_, '_, '_> {
+    type Value = ();
+
+    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("an array of events")
+    }
+
+    fn visit_seq<A: SeqAccess<'de>>(self, mut seq: A) -> Result<(), A::Error> {
+        let Self { budget, output, failure } = self;
+        loop {
+            budget.next_event();
+            let mut draft = Draft::default();
+            let limits = output.limits;
+            if seq.next_element_seed(EventSeed { draft: &mut draft, limits })?.is_none() {
+                return Ok(());
+            }
+            let origin = Origin::Element(output.next());
+            if let Err(error) = output.put(draft, origin) {
+                *failure = Some(error);
+                return Err(A::Error::custom("stopped"));
+            }
+        }
+    }
+}

@@ -1,0 +1,107 @@
+//! Content types and encodings.
+
+use super::FormatError;
+
+/// A content type that is read.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Format {
+    /// `{"events": […]}`.
+    Json,
+    /// One JSON event a line.
+    Ndjson,
+    /// One step a row, comma-separated, with a header.
+    Csv,
+    /// One step a row.
+    Parquet,
+}
+
+const READ: &str = "application/json, application/x-ndjson, text/csv and application/vnd.apache.parquet";
+
+impl Format {
+    /// The format a `Content-Type` header names; its parameters are ignored.
+    ///
+    /// # Errors
+    /// `not_available` for what another release reads, else `unsupported_media_type`.
+    pub fn from_content_type(header: &str) -> Result<Self, FormatError> {
+        let media = header.split(';').next().unwrap_or_default().trim().to_ascii_lowercase();
+        match media.as_str() {
+            "application/json" => Ok(Self::Json),
+            "application/x-ndjson" => Ok(Self::Ndjson),
+            "text/csv" => Ok(Self::Csv),
+            "application/vnd.apache.parquet" => Ok(Self::Parquet),
+            "application/x-npy" | "application/xml" | "text/xml" => Err(FormatError::Unsupported {
+                code: "not_available",
+                detail: format!("{media} is not available yet; this release reads {READ}"),
+            }),
+            _ => Err(FormatError::Unsupported {
+                code: "unsupported_media_type",
+                detail: format!("content type {media:?} is not read; {READ} are"),
+            }),
+        }
+    }
+
+    /// Its media type.
+    #[must_use]
+    pub fn media_type(self) -> &'static str {
+        match self {
+            Self::Json => "application/json",
+            Self::Ndjson => "application/x-ndjson",
+            Self::Csv => "text/csv",
+            Self::Parquet => "application/vnd.apache.parquet",
+        }
+    }
+}
+
+/// A content encoding that is undone.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Encoding {
+    /// None.
+    Identity,
+    /// gzip, one or more members.
+    Gzip,
+    /// Zstandard, one or more frames, with a window of at most 2²⁵ bytes.
+    Zstd,
+}
+
+impl Encoding {
+    /// The encoding a `Content-Encoding` header names.
+    ///
+    /// # Errors
+    /// `unsupported_encoding`, also for several at once.
+    pub fn from_content_encoding(header: Option<&str>) -> Result<Self, FormatError> {
+        match header.map(|h| h.trim().to_ascii_lowercase()).as_deref() {
+            None | Some("" | "identity") => Ok(Self::Identity),
+            Some("gzip" | "x-gzip") => Ok(Self::Gzip),
+            Some("zstd") => Ok(Self::Zstd),
+            Some(other) => Err(FormatError::Unsupported {
+                code: "unsupported_encoding",
+                detail: format!("content encoding {other:?} is not undone; gzip and zstd are"),
+            }),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn content_types_are_read_without_their_parameters() {
+        assert_eq!(Format::from_content_type("Text/CSV; charset=utf-8").unwrap(), Format::Csv);
+        for format in [Format::Json, Format::Ndjson, Format::Csv, Format::Parquet] {
+            assert_eq!(Format::from_content_type(format.media_type()).unwrap(), format);
+        }
+        let code = |header| Format::from_content_type(header).unwrap_err().code();
+        assert_eq!(code("application/x-npy"), "not_available");
+        assert_eq!(code("text/plain"), "unsupported_media_type");
+        assert_eq!(code(""), "unsupported_media_type");
+    }
+
+    #[test]
+    fn one_encoding_is_undone() {
+        assert_eq!(Encoding::from_content_encoding(None).unwrap(), Encoding::Identity);
+        assert_eq!(Encoding::from_content_encoding(Some("GZIP")).unwrap(), Encoding::Gzip);
+        assert_eq!(Encoding::from_content_encoding(Some("zstd")).unwrap(), Encoding::Zstd);
+        assert_eq!(Encoding::from_content_encoding(Some("gzip, zstd")).unwrap_err().code(), "unsupported_encoding");
+    }
+}

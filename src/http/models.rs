@@ -1,0 +1,105 @@
+//! `/v1/models`: create and read lineages; hold and release their training.
+
+use std::sync::Arc;
+
+use axum::extract::State;
+use axum::http::StatusCode;
+use axum::http::header::{ETAG, LOCATION};
+use serde::Deserialize;
+use serde_json::{Value, json};
+
+use super::AppState;
+use super::answer::Answer;
+use super::body::JsonBody;
+use super::etag::etag;
+use super::idempotency::Repeatable;
+use super::path::ModelAt;
+use super::problem::{Code, Problem};
+use super::query::Page;
+use crate::consolidation::Method;
+use crate::lineage::{Model, ModelName};
+use crate::store::model;
+
+/// The body of a creation.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct NewModel {
+    model: ModelName,
+    method: Method,
+    #[serde(default)]
+    settings: Value,
+    from: Option<Value>,
+}
+
+fn body(model: &Model) -> Value {
+    json!({
+        "model": model.name,
+        "method": model.method,
+        "live": model.live,
+        "head": model.head,
+        "paused": model.paused,
+        "settings": model.settings,
+        "created_at": model.created_at.to_string(),
+    })
+}
+
+fn answer(status: StatusCode, model: &Model) -> Answer {
+    Answer::json(status, &body(model)).with_header(ETAG, etag(model))
+}
+
+/// `POST /v1/models`
+pub async fn create(
+    State(app): State<Arc<AppState>>,
+    request: Repeatable,
+    JsonBody { value: new, request_sha256 }: JsonBody<NewModel>,
+) -> Result<Answer, Problem> {
+    if let Some(answer) = request.recall(request_sha256).await? {
+        return Ok(answer);
+    }
+    if new.from.is_some() {
+        return Err(Code::NotAvailable.because("forking a model from a version (from) comes with a later release"));
+    }
+    let settings = app.model_defaults.overridden(&new.settings)?;
+    let mut tx = app.store.begin().await?;
+    let Some(model) = model::create(&mut tx, &new.model, new.method, &settings).await? else {
+        return Err(Code::ModelExists.because(format!("a model is already called {}", new.model)));
+    };
+    let answer = answer(StatusCode::CREATED, &model).with_header(LOCATION, format!("/v1/models/{}", model.name));
+    request.keep(&mut tx, request_sha256, &answer).await?;
+    tx.commit().await.map_err(Problem::internal)?;
+    tracing::info!(model = %model.name, method = model.method.as_str(), "model created");
+    Ok(answer)
+}
+
+/// `GET /v1/models`
+pub async fn list(State(app): State<Arc<AppState>>, page: Page) -> Result<Answer, Problem> {
+    let models = app.store.models(page.after, page.fetch()).await?;
+    Ok(Answer::ok(&page.body("models", models, |model| model.model_id, body)))
+}
+
+/// `GET /v1/models/{model}`
+pub async fn read(ModelAt(model): ModelAt) -> Answer {
+    answer(StatusCode::OK, &model)
+}
+
+/// `POST /v1/models/{model}/pause`
+pub async fn pause(State(app): State<Arc<AppState>>, ModelAt(model): ModelAt) -> Result<Answer, Problem> {
+    set_paused(&app, &model, true).await
+}
+
+/// `POST /v1/models/{model}/resume`
+pub async fn resume(State(app): State<Arc<AppState>>, ModelAt(model): ModelAt) -> Result<Answer, Problem> {
+    set_paused(&app, &model, false).await
+}
+
+async fn set_paused(app: &AppState, model: &Model, paused: bool) -> Result<Answer, Problem> {
+    let mut tx = app.store.begin().await?;
+    let model = model::set_paused(&mut tx, model.model_id, paused).await?;
+    tx.commit().await.map_err(Problem::internal)?;
+    if paused {
+        app.scheduler.hold(model.model_id);
+    } else {
+        app.scheduler.wake();
+    }
+    Ok(answer(StatusCode::OK, &model))
+}

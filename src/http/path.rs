@@ -1,0 +1,105 @@
+//! Names and ids in paths: what cannot be one is not found.
+
+use std::sync::Arc;
+
+use axum::extract::{FromRequestParts, RawPathParams};
+use axum::http::request::Parts;
+
+use super::AppState;
+use super::problem::{Code, Problem};
+use crate::lineage::{Model, ModelName};
+
+/// The model a path names.
+#[derive(Debug)]
+pub struct ModelAt(pub Model);
+
+/// The batch id a path names: `b12`.
+#[derive(Debug, Clone, Copy)]
+pub struct BatchAt(pub i64);
+
+/// The task id a path names: `t7`.
+#[derive(Debug, Clone, Copy)]
+pub struct TaskAt(pub i64);
+
+/// The version a path names: `3`.
+#[derive(Debug, Clone, Copy)]
+pub struct VersionAt(pub i64);
+
+impl FromRequestParts<Arc<AppState>> for ModelAt {
+    type Rejection = Problem;
+
+    async fn from_request_parts(parts: &mut Parts, app: &Arc<AppState>) -> Result<Self, Problem> {
+        let name = parameter(parts, "model").await?;
+        find_model(app, &name).await.map(Self)
+    }
+}
+
+/// The model called `name`, which need not be well formed.
+///
+/// # Errors
+/// 404 when there is none.
+pub async fn find_model(app: &AppState, name: &str) -> Result<Model, Problem> {
+    let missing = || Code::ModelNotFound.because(format!("no model is called {name:?}"));
+    let name = ModelName::parse(name).map_err(|_| missing())?;
+    app.store.model(&name).await?.ok_or_else(missing)
+}
+
+macro_rules! id_at {
+    ($type:ident, $parameter:literal, $letter:literal, $code:ident) => {
+        impl FromRequestParts<Arc<AppState>> for $type {
+            type Rejection = Problem;
+
+            async fn from_request_parts(parts: &mut Parts, _: &Arc<AppState>) -> Result<Self, Problem> {
+                let text = parameter(parts, $parameter).await?;
+                parse_id($letter, &text).map(Self).ok_or_else(|| Code::$code.because(format!("{text:?} is none")))
+            }
+        }
+    };
+}
+
+id_at!(BatchAt, "batch_id", "b", BatchNotFound);
+id_at!(TaskAt, "task_id", "t", TaskNotFound);
+id_at!(VersionAt, "version", "", VersionNotFound);
+
+async fn parameter(parts: &mut Parts, name: &str) -> Result<String, Problem> {
+    let parameters = RawPathParams::from_request_parts(parts, &())
+        .await
+        .map_err(|_| Code::NotFound.because("the path is not UTF-8"))?;
+    let found = parameters.iter().find(|(key, _)| *key == name).map(|(_, value)| value.to_owned());
+    found.ok_or_else(|| Problem::internal(format!("the route has no {name}")))
+}
+
+/// The row behind `letter` and digits, written as this server writes it.
+#[must_use]
+pub fn parse_id(letter: &str, text: &str) -> Option<i64> {
+    let digits = text.strip_prefix(letter)?;
+    let canonical = digits.bytes().all(|b| b.is_ascii_digit()) && !digits.starts_with('0');
+    digits.parse().ok().filter(|_| canonical)
+}
+
+/// A batch's id on the wire.
+#[must_use]
+pub fn batch_id(row: i64) -> String {
+    format!("b{row}")
+}
+
+/// A task's id on the wire.
+#[must_use]
+pub fn task_id(row: i64) -> String {
+    format!("t{row}")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_id_has_one_spelling() {
+        assert_eq!(parse_id("b", &batch_id(12)), Some(12));
+        assert_eq!(parse_id("t", &task_id(7)), Some(7));
+        assert_eq!(parse_id("", "3"), Some(3));
+        for bad in ["b", "b0", "b012", "b-1", "b+1", "12", "t12", "b99999999999999999999", "b1x"] {
+            assert_eq!(parse_id("b", bad), None, "{bad}");
+        }
+    }
+}

@@ -1,0 +1,205 @@
+//! `…/predict` and `…/simulate`: what a version would do.
+
+use std::sync::Arc;
+
+use axum::extract::State;
+use serde::{Deserialize, Serialize};
+use tokio::sync::{OwnedSemaphorePermit, Semaphore};
+
+use super::AppState;
+use super::answer::Answer;
+use super::body::JsonBody;
+use super::path::ModelAt;
+use super::problem::{Code, InputError, Problem};
+use super::versions;
+use crate::driver::Window;
+use crate::lineage::{Model, ModelName};
+use crate::predictor::{PredictError, Prediction, Simulated};
+
+/// A window as clients send it.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct WindowBody {
+    follower_speed_mps: Vec<f32>,
+    leader_speed_mps: Vec<f32>,
+    spacing_m: Vec<f32>,
+}
+
+/// The body of a prediction.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PredictBody {
+    windows: Vec<WindowBody>,
+    version: Option<i64>,
+}
+
+/// The body of a simulation.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SimulateBody {
+    initial: WindowBody,
+    leader_speed_mps: Vec<f32>,
+    version: Option<i64>,
+}
+
+#[derive(Debug, Serialize)]
+struct Predictions<'a> {
+    model: &'a ModelName,
+    version: i64,
+    predictions: Vec<Prediction>,
+}
+
+#[derive(Debug, Serialize)]
+struct Simulation<'a> {
+    model: &'a ModelName,
+    version: i64,
+    #[serde(flatten)]
+    simulated: Simulated,
+}
+
+/// Collects what is wrong with the numbers of a request, up to a bound.
+struct Defects {
+    most: usize,
+    found: Vec<InputError>,
+}
+
+impl Defects {
+    fn add(&mut self, pointer: String, code: &'static str, detail: String) {
+        if self.found.len() < self.most {
+            self.found.push(InputError::at(pointer, code, detail));
+        }
+    }
+
+    fn numbers(&mut self, pointer: &str, values: &[f32]) {
+        for (step, value) in values.iter().enumerate().filter(|(_, value)| !value.is_finite()) {
+            let detail = format!("{value} is beyond what a 32-bit float holds");
+            self.add(format!("{pointer}/{step}"), "not_finite", detail);
+        }
+    }
+
+    fn window(&mut self, pointer: &str, window: &WindowBody, horizon: usize) {
+        for (member, values) in [
+            ("follower_speed_mps", &window.follower_speed_mps),
+            ("leader_speed_mps", &window.leader_speed_mps),
+            ("spacing_m", &window.spacing_m),
+        ] {
+            let pointer = format!("{pointer}/{member}");
+            if values.len() == horizon {
+                self.numbers(&pointer, values);
+            } else {
+                let detail = format!("{} steps; exactly the last {horizon} are needed, oldest first", values.len());
+                self.add(pointer, "window_length", detail);
+            }
+        }
+    }
+
+    fn refuse(self, what: &'static str) -> Result<(), Problem> {
+        if self.found.is_empty() { Ok(()) } else { Err(Code::InvalidBody.because(what).with_errors(self.found)) }
+    }
+}
+
+impl From<WindowBody> for Window {
+    fn from(body: WindowBody) -> Self {
+        Self {
+            follower_speed_mps: body.follower_speed_mps,
+            leader_speed_mps: body.leader_speed_mps,
+            spacing_m: body.spacing_m,
+        }
+    }
+}
+
+fn slot(slots: &Arc<Semaphore>) -> Result<OwnedSemaphorePermit, Problem> {
+    let full = "as many predictions as the server computes at once are under way";
+    Arc::clone(slots).try_acquire_owned().map_err(|_| Problem::busy(Code::Busy, full))
+}
+
+fn too_many(pointer: &str, found: usize, most: usize) -> Problem {
+    let detail = format!("{found} given; 1 to {most} are taken at once");
+    Code::InvalidBody.because(detail.clone()).with_error(InputError::at(pointer, "out_of_range", detail))
+}
+
+/// `POST /v1/models/{model}/predict`
+pub async fn predict(
+    State(app): State<Arc<AppState>>,
+    ModelAt(model): ModelAt,
+    JsonBody { value: body, .. }: JsonBody<PredictBody>,
+) -> Result<Answer, Problem> {
+    let most = app.settings.predict_windows_max;
+    if !(1..=most).contains(&body.windows.len()) {
+        return Err(too_many("/windows", body.windows.len(), most));
+    }
+    let _slot = slot(&app.prediction_slots)?;
+    let loaded = app.predictor.version(model.model_id, body.version).await.map_err(|e| refusal(&model, e))?;
+    let mut defects = Defects { most: app.settings.errors_max, found: Vec::new() };
+    for (at, window) in body.windows.iter().enumerate() {
+        defects.window(&format!("/windows/{at}"), window, loaded.horizon());
+    }
+    defects.refuse("a window cannot be read")?;
+    let version = loaded.version();
+    let windows: Vec<Window> = body.windows.into_iter().map(Window::from).collect();
+    let count = windows.len();
+    let predictions = app.predictor.predict(loaded, windows).await.map_err(|e| refusal(&model, e))?;
+    if predictions.iter().any(|p| !p.accel_mps2.is_finite() || !p.raw_accel_mps2.is_finite()) {
+        return Err(Problem::internal(format!("version {version} predicts a number that is not finite")));
+    }
+    app.metrics.predictions(model.name.as_str(), version, "predict", count as u64);
+    Ok(Answer::ok(&Predictions { model: &model.name, version, predictions }))
+}
+
+/// `POST /v1/models/{model}/simulate`
+pub async fn simulate(
+    State(app): State<Arc<AppState>>,
+    ModelAt(model): ModelAt,
+    JsonBody { value: body, .. }: JsonBody<SimulateBody>,
+) -> Result<Answer, Problem> {
+    let most = app.settings.simulate_steps_max;
+    if !(1..=most).contains(&body.leader_speed_mps.len()) {
+        return Err(too_many("/leader_speed_mps", body.leader_speed_mps.len(), most));
+    }
+    let _slot = slot(&app.prediction_slots)?;
+    let loaded = app.predictor.version(model.model_id, body.version).await.map_err(|e| refusal(&model, e))?;
+    let mut defects = Defects { most: app.settings.errors_max, found: Vec::new() };
+    defects.window("/initial", &body.initial, loaded.horizon());
+    defects.numbers("/leader_speed_mps", &body.leader_speed_mps);
+    defects.refuse("the simulation cannot begin")?;
+    let version = loaded.version();
+    let simulated = app.predictor.simulate(loaded, body.initial.into(), body.leader_speed_mps).await;
+    let simulated = simulated.map_err(|e| refusal(&model, e))?;
+    let arrays = [&simulated.spacing_m, &simulated.follower_speed_mps, &simulated.accel_mps2];
+    if arrays.into_iter().flatten().any(|value| !value.is_finite()) {
+        return Err(Problem::internal(format!("version {version} drives to a number that is not finite")));
+    }
+    app.metrics.predictions(model.name.as_str(), version, "simulate", 1);
+    Ok(Answer::ok(&Simulation { model: &model.name, version, simulated }))
+}
+
+fn refusal(model: &Model, error: PredictError) -> Problem {
+    match error {
+        PredictError::NoLiveVersion => Code::NoLiveVersion.because(format!("nothing of {} serves yet", model.name)),
+        PredictError::UnknownVersion(version) => versions::missing(model, version),
+        // Windows are checked above, with pointers; what the predictor still refuses is a bug here.
+        error => Problem::internal(error),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_bad_window_is_listed_up_to_the_bound() {
+        let window = |n: usize| WindowBody {
+            follower_speed_mps: vec![1.0; n],
+            leader_speed_mps: vec![1.0; 2],
+            spacing_m: vec![1.0, f32::INFINITY],
+        };
+        let mut defects = Defects { most: 3, found: Vec::new() };
+        for at in 0..3 {
+            defects.window(&format!("/windows/{at}"), &window(at + 1), 2);
+        }
+        let places: Vec<_> =
+            defects.found.iter().map(|e| serde_json::to_value(e).unwrap()["pointer"].clone()).collect();
+        assert_eq!(places, ["/windows/0/follower_speed_mps", "/windows/0/spacing_m/1", "/windows/1/spacing_m/1"]);
+        assert!(defects.refuse("why").is_err());
+    }
+}

@@ -1,0 +1,177 @@
+//! Who serves: promote, rollback, and the history of both.
+
+use std::sync::Arc;
+
+use axum::extract::State;
+use axum::http::HeaderMap;
+use axum::http::header::ETAG;
+use jiff::Timestamp;
+use serde::Deserialize;
+use serde_json::{Value, json};
+
+use super::AppState;
+use super::answer::Answer;
+use super::body::JsonBody;
+use super::etag::{check_if_match, etag};
+use super::idempotency::Repeatable;
+use super::path::{ModelAt, task_id};
+use super::problem::{Code, InputError, Problem};
+use super::query::Page;
+use super::versions;
+use crate::lineage::Model;
+use crate::store::history::HistoryEntry;
+use crate::store::live::{self, MoveRefused, MoveRequest, Moved};
+use crate::store::{WriteTransaction, model};
+
+/// Longest reason, in bytes.
+const MAX_REASON_BYTES: usize = 1024;
+
+/// The body of a promotion.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Promotion {
+    version: i64,
+    reason: String,
+    /// Needed for tainted versions, of which this release makes none.
+    #[serde(default, rename = "force")]
+    _force: bool,
+}
+
+/// The body of a rollback.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Rollback {
+    version: Option<i64>,
+    reason: String,
+}
+
+#[derive(Debug, Clone, Copy)]
+enum Direction {
+    Promote,
+    Rollback,
+}
+
+/// `POST /v1/models/{model}/promote`
+pub async fn promote(
+    State(app): State<Arc<AppState>>,
+    ModelAt(model): ModelAt,
+    headers: HeaderMap,
+    request: Repeatable,
+    JsonBody { value, request_sha256 }: JsonBody<Promotion>,
+) -> Result<Answer, Problem> {
+    if let Some(answer) = request.recall(request_sha256).await? {
+        return Ok(answer);
+    }
+    let wish = wish(Some(value.version), &value.reason)?;
+    let (tx, moved, answer) = make_move(&app, Direction::Promote, &model, &headers, &wish).await?;
+    finish(&app, &model, tx, &request, request_sha256, &moved, &answer).await?;
+    Ok(answer)
+}
+
+/// `POST /v1/models/{model}/rollback`
+pub async fn rollback(
+    State(app): State<Arc<AppState>>,
+    ModelAt(model): ModelAt,
+    headers: HeaderMap,
+    request: Repeatable,
+    JsonBody { value, request_sha256 }: JsonBody<Rollback>,
+) -> Result<Answer, Problem> {
+    if let Some(answer) = request.recall(request_sha256).await? {
+        return Ok(answer);
+    }
+    let wish = wish(value.version, &value.reason)?;
+    let (tx, moved, answer) = make_move(&app, Direction::Rollback, &model, &headers, &wish).await?;
+    finish(&app, &model, tx, &request, request_sha256, &moved, &answer).await?;
+    Ok(answer)
+}
+
+fn wish(version: Option<i64>, reason: &str) -> Result<MoveRequest<'_>, Problem> {
+    if !(1..=MAX_REASON_BYTES).contains(&reason.len()) {
+        let detail = format!("1 to {MAX_REASON_BYTES} bytes");
+        let error = InputError::at("/reason", "out_of_range", detail);
+        return Err(Code::InvalidBody.because("a reason is needed for the history").with_error(error));
+    }
+    Ok(MoveRequest { version, reason, actor: "anonymous", expected_revision: None })
+}
+
+async fn make_move(
+    app: &AppState,
+    direction: Direction,
+    model: &Model,
+    headers: &HeaderMap,
+    wish: &MoveRequest<'_>,
+) -> Result<(WriteTransaction, Moved, Answer), Problem> {
+    let mut tx = app.store.begin().await?;
+    check_if_match(headers, &model::get(&mut tx, model.model_id).await?)?;
+    let now = Timestamp::now();
+    let moved = match direction {
+        Direction::Promote => live::promote(&mut tx, model.model_id, wish, now).await?,
+        Direction::Rollback => live::rollback(&mut tx, model.model_id, wish, now).await?,
+    };
+    let moved = moved.map_err(|refused| refusal(model, refused))?;
+    let after = model::get(&mut tx, model.model_id).await?;
+    let answer = Answer::ok(&json!({
+        "model": model.name,
+        "live": moved.live,
+        "head": moved.head,
+        "from": moved.from,
+        "history_id": history_id(moved.history_id),
+        "cancelled": moved.cancelled.iter().map(|&task| task_id(task)).collect::<Vec<_>>(),
+    }))
+    .with_header(ETAG, etag(&after));
+    Ok((tx, moved, answer))
+}
+
+fn refusal(model: &Model, refused: MoveRefused) -> Problem {
+    match refused {
+        MoveRefused::UnknownVersion(version) => versions::missing(model, version),
+        MoveRefused::NothingLive => Code::NoLiveVersion.because(refused.to_string()),
+        MoveRefused::NoParent(_) => Code::NoParentVersion.because(refused.to_string()),
+        MoveRefused::Revision(_) => Code::PreconditionFailed.because(refused.to_string()),
+    }
+}
+
+/// Commits, then tells those who compute: running tasks end, and the predictor serves the version before the answer.
+async fn finish(
+    app: &AppState,
+    model: &Model,
+    mut tx: WriteTransaction,
+    request: &Repeatable,
+    request_sha256: [u8; 32],
+    moved: &Moved,
+    answer: &Answer,
+) -> Result<(), Problem> {
+    request.keep(&mut tx, request_sha256, answer).await?;
+    tx.commit().await.map_err(Problem::internal)?;
+    tracing::info!(model = %model.name, live = moved.live, head = moved.head, from = moved.from, "live version moved");
+    for &task in &moved.cancelled {
+        app.scheduler.cancel(task);
+    }
+    app.predictor.refresh(model.model_id).await;
+    app.scheduler.wake();
+    Ok(())
+}
+
+fn history_id(row: i64) -> String {
+    format!("h{row}")
+}
+
+fn body(entry: &HistoryEntry) -> Value {
+    json!({
+        "history_id": history_id(entry.history_id),
+        "at": entry.at.to_string(),
+        "action": entry.action,
+        "from": entry.from_live,
+        "live": entry.live,
+        "from_head": entry.from_head,
+        "head": entry.head,
+        "reason": entry.reason,
+        "actor": entry.actor,
+    })
+}
+
+/// `GET /v1/models/{model}/history`
+pub async fn history(State(app): State<Arc<AppState>>, ModelAt(model): ModelAt, page: Page) -> Result<Answer, Problem> {
+    let entries = app.store.history(model.model_id, page.after, page.fetch()).await?;
+    Ok(Answer::ok(&page.body("history", entries, |entry| entry.history_id, body)))
+}

@@ -1,0 +1,235 @@
+//! `/v1/models/{model}/tasks`: ask for learning, wait for it, end it.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use axum::extract::State;
+use axum::http::StatusCode;
+use axum::http::header::LOCATION;
+use jiff::Timestamp;
+use serde::Deserialize;
+use serde_json::{Value, json};
+use tokio::time::Instant;
+
+use super::AppState;
+use super::answer::Answer;
+use super::body::JsonBody;
+use super::idempotency::Repeatable;
+use super::path::{ModelAt, TaskAt, batch_id, parse_id, task_id};
+use super::problem::{Code, InputError, Problem};
+use super::query::{Page, Query};
+use crate::lineage::{Model, RegimeName, Task, TaskState};
+use crate::store::selection::{self, NoTask, Selection, TaskRequest};
+use crate::store::task::{self, Cancelled};
+
+/// The body of a wish for learning.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct NewTask {
+    batches: Batches,
+    regime: Option<RegimeName>,
+    #[serde(rename = "where")]
+    only: Option<Only>,
+    #[serde(default)]
+    settings: Value,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(untagged, expecting = "\"pending\" or an array of batch ids is needed")]
+enum Batches {
+    Pending(Pending),
+    Named(Vec<String>),
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(rename_all = "snake_case")]
+enum Pending {
+    Pending,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Only {
+    mean_speed_mps: [f64; 2],
+}
+
+/// How long to wait for a final state.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Wait {
+    wait_s: Option<f64>,
+}
+
+/// A task as clients see it.
+pub fn body(app: &AppState, model: &Model, task: &Task) -> Value {
+    let progress = match task.state {
+        TaskState::Succeeded => 1.0,
+        TaskState::Running => {
+            app.scheduler.progress(task.task_id).map_or(task.checkpointed, |progress| progress.borrow().share)
+        }
+        _ => task.checkpointed,
+    };
+    json!({
+        "task_id": task_id(task.task_id),
+        "model": model.name,
+        "state": task.state,
+        "regime": task.regime,
+        "stage": task.stage,
+        "batches": task.batches.iter().map(|&batch| batch_id(batch)).collect::<Vec<_>>(),
+        "parent": task.parent,
+        "version": task.version,
+        "attempt": task.attempt,
+        "progress": progress,
+        "error": task.error,
+        "settings": task.settings,
+        "created_at": task.created_at.to_string(),
+        "started_at": task.started_at.map(|at| at.to_string()),
+        "ended_at": task.ended_at.map(|at| at.to_string()),
+    })
+}
+
+/// The task, or a 404.
+pub async fn find(app: &AppState, model: &Model, task: i64) -> Result<Task, Problem> {
+    let missing = || Code::TaskNotFound.because(format!("{} has no task {}", model.name, task_id(task)));
+    app.store.task(model.model_id, task).await?.ok_or_else(missing)
+}
+
+/// `POST /v1/models/{model}/tasks`
+pub async fn create(
+    State(app): State<Arc<AppState>>,
+    ModelAt(model): ModelAt,
+    request: Repeatable,
+    JsonBody { value: new, request_sha256 }: JsonBody<NewTask>,
+) -> Result<Answer, Problem> {
+    if let Some(answer) = request.recall(request_sha256).await? {
+        return Ok(answer);
+    }
+    let wish = wish(&model, new)?;
+    let mut tx = app.store.begin().await?;
+    let made = selection::create_tasks(&mut tx, model.model_id, &wish, Timestamp::now()).await?;
+    let made = made.map_err(|refused| refusal(&wish, &refused))?;
+    let first = *made.first().ok_or_else(|| Problem::internal("a request made no task and was not refused"))?;
+    let first = task::get(&mut tx, first).await?.ok_or_else(|| Problem::internal("a new task is missing"))?;
+    let mut shown = body(&app, &model, &first);
+    shown["task_ids"] = made.iter().map(|&task| task_id(task)).collect();
+    let location = format!("/v1/models/{}/tasks/{}", model.name, task_id(first.task_id));
+    let answer = Answer::json(StatusCode::ACCEPTED, &shown).with_header(LOCATION, location);
+    request.keep(&mut tx, request_sha256, &answer).await?;
+    tx.commit().await.map_err(Problem::internal)?;
+    app.scheduler.wake();
+    Ok(answer)
+}
+
+fn wish(model: &Model, new: NewTask) -> Result<TaskRequest, Problem> {
+    let selection = match new.batches {
+        Batches::Pending(Pending::Pending) => Selection::Pending { regime: new.regime },
+        Batches::Named(ids) => Selection::Batches { batches: rows(&ids)?, regime: new.regime },
+    };
+    let mean_speed_mps = new.only.map(|only| only.mean_speed_mps);
+    if mean_speed_mps.is_some_and(|[low, high]| low > high) {
+        let error = InputError::at("/where/mean_speed_mps", "out_of_range", "[low, high] with low <= high is needed");
+        return Err(Code::InvalidBody.because("no speed lies in this band").with_error(error));
+    }
+    model.settings.for_task(&new.settings)?;
+    Ok(TaskRequest { selection, mean_speed_mps, settings: new.settings })
+}
+
+fn rows(ids: &[String]) -> Result<Vec<i64>, Problem> {
+    if ids.is_empty() {
+        let error = InputError::at("/batches", "empty", "at least one batch, or \"pending\"");
+        return Err(Code::InvalidBody.because("no batch is named").with_error(error));
+    }
+    let errors: Vec<_> = ids
+        .iter()
+        .enumerate()
+        .filter(|(_, id)| parse_id("b", id).is_none())
+        .map(|(at, id)| InputError::at(format!("/batches/{at}"), "unknown_batch", format!("{id:?} is no batch")))
+        .collect();
+    if !errors.is_empty() {
+        return Err(Code::InvalidBody.because("a batch is unknown").with_errors(errors));
+    }
+    Ok(ids.iter().filter_map(|id| parse_id("b", id)).collect())
+}
+
+fn refusal(wish: &TaskRequest, refused: &NoTask) -> Problem {
+    let at = |batch: i64| {
+        let position = match &wish.selection {
+            Selection::Batches { batches, .. } => batches.iter().position(|&named| named == batch),
+            Selection::Pending { .. } => None,
+        };
+        format!("/batches/{}", position.unwrap_or_default())
+    };
+    match *refused {
+        NoTask::NothingPending => Code::NothingPending.because(refused.to_string()),
+        NoTask::UnknownBatch(batch) => {
+            let detail = format!("the model has no batch {}", batch_id(batch));
+            Code::InvalidBody.because(detail.clone()).with_error(InputError::at(at(batch), "unknown_batch", detail))
+        }
+        NoTask::RetractedBatch(batch) => {
+            let detail = format!("{} was retracted", batch_id(batch));
+            Code::BatchRetracted.because(detail.clone()).with_error(InputError::at(at(batch), "retracted", detail))
+        }
+    }
+}
+
+/// `GET /v1/models/{model}/tasks`
+pub async fn list(State(app): State<Arc<AppState>>, ModelAt(model): ModelAt, page: Page) -> Result<Answer, Problem> {
+    let tasks = app.store.tasks(model.model_id, page.after, page.fetch()).await?;
+    Ok(Answer::ok(&page.body("tasks", tasks, |task| task.task_id, |task| body(&app, &model, task))))
+}
+
+/// `GET /v1/models/{model}/tasks/{task_id}`
+pub async fn read(
+    State(app): State<Arc<AppState>>,
+    ModelAt(model): ModelAt,
+    TaskAt(task): TaskAt,
+    Query(Wait { wait_s }): Query<Wait>,
+) -> Result<Answer, Problem> {
+    let most = app.settings.wait_max_s;
+    let wait_s = wait_s.unwrap_or(0.0);
+    if !(0.0..=most).contains(&wait_s) {
+        let error = InputError::parameter("wait_s", "out_of_range", format!("0 to {most}"));
+        return Err(Code::InvalidQuery.because(format!("wait_s must be within 0 to {most}")).with_error(error));
+    }
+    let task = wait(&app, &model, task, Duration::from_secs_f64(wait_s)).await?;
+    Ok(Answer::ok(&body(&app, &model, &task)))
+}
+
+/// The task at a final state, or as it stands when the time is up or the server stops.
+async fn wait(app: &AppState, model: &Model, task: i64, patience: Duration) -> Result<Task, Problem> {
+    let until = Instant::now() + patience;
+    let (mut changes, mut stopping) = (app.scheduler.changes(), app.stopping.clone());
+    loop {
+        changes.borrow_and_update();
+        let found = find(app, model, task).await?;
+        if found.state.is_final() {
+            // What it made serves moments after its end is stored; who waited for it may rely on that.
+            let _ = tokio::time::timeout(Duration::from_secs(1), app.scheduler.left(task)).await;
+            return Ok(found);
+        }
+        tokio::select! {
+            changed = changes.changed() => if changed.is_err() { return Ok(found) },
+            () = tokio::time::sleep_until(until) => return Ok(found),
+            _ = stopping.wait_for(|&stop| stop) => return Ok(found),
+        }
+    }
+}
+
+/// `POST /v1/models/{model}/tasks/{task_id}/cancel`
+pub async fn cancel(
+    State(app): State<Arc<AppState>>,
+    ModelAt(model): ModelAt,
+    TaskAt(task): TaskAt,
+) -> Result<Answer, Problem> {
+    let mut tx = app.store.begin().await?;
+    match task::cancel(&mut tx, model.model_id, task, Timestamp::now()).await? {
+        Cancelled::AtOnce | Cancelled::Requested => {}
+        Cancelled::AlreadyEnded(state) => {
+            return Err(Code::TaskEnded.because(format!("{} has {}", task_id(task), state.as_str())));
+        }
+        Cancelled::Unknown => return find(&app, &model, task).await.map(|_| unreachable!("it is unknown")),
+    }
+    tx.commit().await.map_err(Problem::internal)?;
+    app.scheduler.cancel(task);
+    Ok(Answer::ok(&body(&app, &model, &find(&app, &model, task).await?)))
+}

@@ -1,0 +1,232 @@
+//! `/v1/models/{model}/versions`: what tasks made, and how it drives.
+
+use std::sync::Arc;
+
+use axum::extract::State;
+use jiff::Timestamp;
+use serde::Deserialize;
+use serde_json::{Value, json};
+
+use super::AppState;
+use super::answer::Answer;
+use super::body::JsonBody;
+use super::path::{ModelAt, VersionAt, task_id};
+use super::problem::{Code, InputError, Problem};
+use super::query::Page;
+use crate::lineage::{Model, RegimeEvaluation, TestMeasures, Version};
+use crate::store::version;
+
+/// Longest note, in bytes.
+const MAX_NOTE_BYTES: usize = 4096;
+
+/// The body of a change: the only thing about a version that may change.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Note {
+    note: Option<String>,
+}
+
+fn body(model: &Model, version: &Version) -> Value {
+    json!({
+        "model": model.name,
+        "version": version.version,
+        "parent": version.parent,
+        "stage": version.stage,
+        "regime": version.regime,
+        "task_id": version.task_id.map(task_id),
+        "method": version.method,
+        "settings": version.settings,
+        "seed": version.settings.seed,
+        "strength": version.strength,
+        "lambda": version.lambda,
+        "weights_sha256": version.weights_sha256,
+        "events": version.train_events,
+        "events_sha256": version.events_sha256,
+        "kernel": version.kernel,
+        "scaling": version.scaling,
+        "importance": version.importance,
+        "promotion": version.promotion,
+        "note": version.note,
+        "created_at": version.created_at.to_string(),
+    })
+}
+
+/// A 404 for a version the model does not have.
+pub fn missing(model: &Model, version: i64) -> Problem {
+    Code::VersionNotFound.because(format!("{} has no version {version}", model.name))
+}
+
+async fn find(app: &AppState, model: &Model, version: i64) -> Result<Version, Problem> {
+    app.store.version(model.model_id, version).await?.ok_or_else(|| missing(model, version))
+}
+
+/// `GET /v1/models/{model}/versions`
+pub async fn list(State(app): State<Arc<AppState>>, ModelAt(model): ModelAt, page: Page) -> Result<Answer, Problem> {
+    let versions = app.store.versions(model.model_id, page.after, page.fetch()).await?;
+    Ok(Answer::ok(&page.body("versions", versions, |version| version.version, |version| body(&model, version))))
+}
+
+/// `GET /v1/models/{model}/versions/{version}`
+pub async fn read(
+    State(app): State<Arc<AppState>>,
+    ModelAt(model): ModelAt,
+    VersionAt(version): VersionAt,
+) -> Result<Answer, Problem> {
+    Ok(Answer::ok(&body(&model, &find(&app, &model, version).await?)))
+}
+
+/// `PATCH /v1/models/{model}/versions/{version}`
+pub async fn annotate(
+    State(app): State<Arc<AppState>>,
+    ModelAt(model): ModelAt,
+    VersionAt(version): VersionAt,
+    JsonBody { value: Note { note }, .. }: JsonBody<Note>,
+) -> Result<Answer, Problem> {
+    if note.as_ref().is_some_and(|note| note.len() > MAX_NOTE_BYTES) {
+        let detail = format!("at most {MAX_NOTE_BYTES} bytes");
+        return Err(Code::InvalidBody
+            .because("the note is too long")
+            .with_error(InputError::at("/note", "too_long", detail)));
+    }
+    let mut tx = app.store.begin().await?;
+    if !version::set_note(&mut tx, model.model_id, version, note.as_deref(), Timestamp::now()).await? {
+        return Err(missing(&model, version));
+    }
+    tx.commit().await.map_err(Problem::internal)?;
+    Ok(Answer::ok(&body(&model, &find(&app, &model, version).await?)))
+}
+
+/// `GET /v1/models/{model}/versions/{version}/evaluation`
+pub async fn evaluation(
+    State(app): State<Arc<AppState>>,
+    ModelAt(model): ModelAt,
+    VersionAt(version): VersionAt,
+) -> Result<Answer, Problem> {
+    let version = find(&app, &model, version).await?;
+    let regimes = app.store.evaluation(model.model_id, version.version).await?;
+    Ok(Answer::ok(&json!({
+        "model": model.name,
+        "version": version.version,
+        "stage": version.stage,
+        "tasks": regimes.iter().map(regime_body).collect::<Vec<_>>(),
+        "measures": measures(version.stage, &regimes),
+    })))
+}
+
+fn regime_body(regime: &RegimeEvaluation) -> Value {
+    let driven = driven_body(regime.measures.as_ref());
+    let mut body = json!({
+        "regime": regime.regime,
+        "stage": regime.learned_stage,
+        "learned_version": regime.learned_version,
+        "events": regime.measures.map_or(0, |measures| measures.events),
+        "steps": regime.measures.map_or(0, |measures| measures.steps),
+        "before": regime.before.map(|before| before.spacing_mse),
+        "diagonal_spacing_mse": regime.diagonal_spacing_mse,
+        "forgetting_ratio": ratio(regime),
+        // Without an envelope what is served is what the network says.
+        "served": driven,
+    });
+    let members = body.as_object_mut().expect("an object");
+    members.extend(driven.as_object().expect("an object").clone());
+    body
+}
+
+fn driven_body(measures: Option<&TestMeasures>) -> Value {
+    let rate = |measures: &TestMeasures| 100.0 * f64::from(measures.collisions) / f64::from(measures.events);
+    json!({
+        "spacing_mse": measures.map(|m| m.spacing_mse),
+        "speed_mse": measures.map(|m| m.speed_mse),
+        "collision_rate_percent": measures.map(rate),
+    })
+}
+
+fn ratio(regime: &RegimeEvaluation) -> Option<f64> {
+    Some(regime.measures?.spacing_mse / regime.diagonal_spacing_mse?)
+}
+
+/// The continual-learning measures of the spacing error; each carries its definition.
+fn measures(stage: u32, regimes: &[RegimeEvaluation]) -> Value {
+    let earlier = || regimes.iter().filter(|regime| regime.learned_stage < stage);
+    let average = mean(regimes.iter().map(|r| Some(r.measures?.spacing_mse)));
+    let forgetting = mean(earlier().map(|r| Some(r.measures?.spacing_mse - r.best_spacing_mse?)));
+    let backward = mean(earlier().map(|r| Some(r.measures?.spacing_mse - r.diagonal_spacing_mse?)));
+    json!({
+        "average": {
+            "value": average,
+            "definition": "mean over regimes j of R[T,j], the spacing MSE (m²) on j's test events after this stage T",
+        },
+        "forgetting": {
+            "value": forgetting,
+            "definition": "mean over regimes j learned before T of R[T,j] - min R[i,j] over the stages i < T since j was last learned (m²)",
+        },
+        "forgetting_ratio": {
+            "value": mean(earlier().map(ratio)),
+            "definition": "mean over regimes j learned before T of R[T,j] / R[j,j]",
+        },
+        "backward_transfer": {
+            "value": backward,
+            "definition": "mean over regimes j learned before T of R[T,j] - R[j,j] (m²); positive means forgetting",
+        },
+    })
+}
+
+/// The mean of those that are there; `None` of nothing.
+fn mean(values: impl Iterator<Item = Option<f64>>) -> Option<f64> {
+    let (mut sum, mut count) = (0.0, 0.0);
+    for value in values.flatten() {
+        sum += value;
+        count += 1.0;
+    }
+    (count > 0.0).then(|| sum / count)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::lineage::RegimeName;
+
+    fn regime(
+        name: &str,
+        learned_stage: u32,
+        now: Option<f64>,
+        diagonal: Option<f64>,
+        best: Option<f64>,
+    ) -> RegimeEvaluation {
+        let measures = |spacing_mse| TestMeasures { spacing_mse, speed_mse: 1.0, collisions: 1, events: 4, steps: 400 };
+        RegimeEvaluation {
+            regime: RegimeName::parse(name).unwrap(),
+            learned_stage,
+            learned_version: learned_stage.into(),
+            measures: now.map(measures),
+            before: None,
+            diagonal_spacing_mse: diagonal,
+            best_spacing_mse: best,
+        }
+    }
+
+    #[test]
+    fn measures_follow_their_definitions() {
+        let regimes = [
+            regime("fast", 1, Some(12.0), Some(8.0), Some(6.0)),
+            regime("middle", 2, Some(4.0), Some(4.0), Some(5.0)),
+            regime("slow", 3, Some(2.0), Some(2.0), None),
+        ];
+        let measures = measures(3, &regimes);
+        let value = |name: &str| measures[name]["value"].as_f64().unwrap();
+        assert_eq!(value("average"), 6.0);
+        assert_eq!(value("forgetting"), f64::midpoint(6.0, -1.0));
+        assert_eq!(value("forgetting_ratio"), 1.25);
+        assert_eq!(value("backward_transfer"), 2.0);
+    }
+
+    #[test]
+    fn a_regime_without_test_events_is_nulls_and_counts_nowhere() {
+        let regimes = [regime("fast", 1, None, None, None)];
+        assert_eq!(measures(1, &regimes)["average"]["value"], Value::Null);
+        let body = regime_body(&regimes[0]);
+        assert_eq!((&body["events"], &body["spacing_mse"]), (&json!(0), &Value::Null));
+        assert_eq!(body["served"]["collision_rate_percent"], Value::Null);
+        assert_eq!(regime_body(&regime("a", 1, Some(1.0), None, None))["collision_rate_percent"], json!(25.0));
+    }
+}

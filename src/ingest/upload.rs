@@ -1,0 +1,184 @@
+//! From a spooled body to a batch in an open transaction.
+
+use jiff::Timestamp;
+use tokio::sync::mpsc::{Receiver, channel};
+use tokio::task::JoinHandle;
+
+use super::decode::{self, Arrival};
+use super::receipt::{Receipt, Summary};
+use super::spool::Spooled;
+use super::{IngestError, IngestSettings, UploadOptions};
+use crate::formats::{Encoding, Format, FormatError};
+use crate::lineage::ModelSettings;
+use crate::store::batch::{self, BatchOutcome, NewBatch};
+use crate::store::event::{self, LINKS_AT_ONCE, Link};
+use crate::store::{Store, WriteTransaction, rejection};
+
+/// Events between the thread that decodes and the writer.
+const IN_FLIGHT: usize = 64;
+
+/// A body and everything said about it.
+#[derive(Debug)]
+pub struct Upload {
+    /// The model's row id.
+    pub model_id: i64,
+    /// The model's settings.
+    pub model: ModelSettings,
+    /// Content type.
+    pub format: Format,
+    /// Content encoding.
+    pub encoding: Encoding,
+    /// The query.
+    pub options: UploadOptions,
+    /// The body.
+    pub body: Spooled,
+    /// When it came.
+    pub received_at: Timestamp,
+}
+
+/// An upload that is stored as soon as its transaction is committed.
+#[derive(Debug)]
+pub struct Received {
+    /// Holds the batch; whatever must happen with it or not at all belongs in here too.
+    pub transaction: WriteTransaction,
+    /// What to answer after the commit.
+    pub receipt: Receipt,
+}
+
+/// Decodes, checks and stores an upload in one transaction, which is left to the caller to commit. A body whose events
+/// are all refused is a batch too: of rejections.
+///
+/// # Errors
+/// When the body as a whole or an option cannot be used, or the database fails; nothing is stored then.
+pub async fn receive(store: &Store, upload: Upload, settings: &IngestSettings) -> Result<Received, IngestError> {
+    let conversion = upload.options.conversion()?;
+    let now = upload.received_at;
+    let new = NewBatch {
+        model_id: upload.model_id,
+        source: upload.options.source.clone(),
+        regime: upload.options.regime.clone(),
+        content_type: upload.format.media_type().to_owned(),
+        body_sha256: upload.body.sha256,
+        body_bytes: upload.body.bytes,
+        created_at: now,
+    };
+    let (sender, arrivals) = channel(IN_FLIGHT);
+    let (limits, checks) = (settings.limits.clone(), settings.checks.clone());
+    let thread = tokio::task::spawn_blocking(move || decode::run(upload, conversion, &limits, &checks, &sender));
+    let mut decoding = Decoding { arrivals, thread: Some(thread) };
+    // The database has one writer: an upload that fits into the buffer takes it only when everything is decoded.
+    let (mut buffer, mut bytes, mut over) = (Vec::new(), 0, false);
+    while !over && bytes < settings.buffer_bytes {
+        match decoding.next().await? {
+            Some(arrival) => {
+                bytes += arrival.bytes();
+                buffer.push(arrival);
+            }
+            None => over = true,
+        }
+    }
+    let mut transaction = store.begin().await?;
+    let batch_id = batch::begin(&mut transaction, &new).await?;
+    let mut writer = Writer::new(new.model_id, batch_id, now, settings.max_listed_rejections);
+    for arrival in buffer {
+        writer.take(&mut transaction, arrival).await?;
+    }
+    while !over {
+        match decoding.next().await? {
+            Some(arrival) => writer.take(&mut transaction, arrival).await?,
+            None => over = true,
+        }
+    }
+    let receipt = writer.end(&mut transaction).await?;
+    Ok(Received { transaction, receipt })
+}
+
+/// The thread that decodes, and what comes from it. Dropped, it stops at the next event.
+struct Decoding {
+    arrivals: Receiver<Arrival>,
+    thread: Option<JoinHandle<Result<(), FormatError>>>,
+}
+
+impl Decoding {
+    /// The next arrival; none when the body ended as it should.
+    async fn next(&mut self) -> Result<Option<Arrival>, IngestError> {
+        if let Some(arrival) = self.arrivals.recv().await {
+            return Ok(Some(arrival));
+        }
+        if let Some(thread) = self.thread.take() {
+            thread.await.map_err(|_| IngestError::Panicked)??;
+        }
+        Ok(None)
+    }
+}
+
+/// Writes arrivals, and keeps count.
+struct Writer {
+    model_id: i64,
+    now: Timestamp,
+    max_listed: usize,
+    linked: i64,
+    links: Vec<Link>,
+    receipt: Receipt,
+}
+
+impl Writer {
+    fn new(model_id: i64, batch_id: i64, now: Timestamp, max_listed: u32) -> Self {
+        let receipt = Receipt {
+            batch_id,
+            accepted: 0,
+            duplicates: 0,
+            rejected_count: 0,
+            rejected: Vec::new(),
+            summary: Summary::default(),
+        };
+        Self { model_id, now, max_listed: max_listed as usize, linked: 0, links: Vec::new(), receipt }
+    }
+
+    async fn take(&mut self, transaction: &mut WriteTransaction, arrival: Arrival) -> Result<(), IngestError> {
+        let batch_id = self.receipt.batch_id;
+        match arrival {
+            Arrival::Accepted(arriving) => {
+                let link = event::store(transaction, self.model_id, batch_id, &arriving, self.now).await?;
+                if link.duplicate {
+                    self.receipt.duplicates += 1;
+                } else {
+                    self.receipt.accepted += 1;
+                    self.receipt.summary.add(&arriving);
+                }
+                self.links.push(link);
+                if self.links.len() == LINKS_AT_ONCE {
+                    self.link(transaction).await?;
+                }
+            }
+            Arrival::Rejected(refused) => {
+                let ordinal = i64::try_from(self.receipt.rejected_count).expect("a body's events are bounded");
+                rejection::store(transaction, batch_id, ordinal, &refused).await?;
+                self.receipt.rejected_count += 1;
+                if self.receipt.rejected.len() < self.max_listed {
+                    self.receipt.rejected.push(refused);
+                }
+            }
+        }
+        Ok(())
+    }
+
+    async fn link(&mut self, transaction: &mut WriteTransaction) -> Result<(), IngestError> {
+        event::link(transaction, self.receipt.batch_id, self.linked, &self.links).await?;
+        self.linked += i64::try_from(self.links.len()).expect("a chunk of links");
+        self.links.clear();
+        Ok(())
+    }
+
+    async fn end(mut self, transaction: &mut WriteTransaction) -> Result<Receipt, IngestError> {
+        self.link(transaction).await?;
+        let outcome = BatchOutcome {
+            accepted: self.receipt.accepted,
+            duplicates: self.receipt.duplicates,
+            rejected: self.receipt.rejected_count,
+            summary: serde_json::to_value(&self.receipt.summary).expect("a summary is plain data"),
+        };
+        batch::end(transaction, self.receipt.batch_id, &outcome).await?;
+        Ok(self.receipt)
+    }
+}

@@ -1,0 +1,88 @@
+//! Which settings a single task may override, and what the arithmetic takes from the result.
+
+use serde_json::Value;
+
+use super::{ModelSettings, SettingsError};
+use crate::driver::DriverShape;
+use crate::training::LearnSettings;
+
+/// What a line of versions shares: another value would make its weights, anchors or test events incomparable.
+const OF_THE_LINE: [&str; 12] = [
+    "hidden",
+    "horizon",
+    "memory",
+    "dt_s",
+    "accel_limit_mps2",
+    "estimator",
+    "output",
+    "mas_output",
+    "accumulation",
+    "split_seed",
+    "schedule",
+    "regimes",
+];
+
+impl ModelSettings {
+    /// The model's settings with a task's overrides.
+    ///
+    /// # Errors
+    /// As [`Self::overridden`], and when a setting that the whole line shares would change.
+    pub fn for_task(&self, overrides: &Value) -> Result<Self, SettingsError> {
+        let settings = self.overridden(overrides)?;
+        let plain = |settings: &Self| serde_json::to_value(settings).expect("settings are plain data");
+        let (old, new) = (plain(self), plain(&settings));
+        match OF_THE_LINE.into_iter().find(|&name| old[name] != new[name]) {
+            Some(name) => Err(SettingsError {
+                name: name.to_owned(),
+                code: "invalid_setting",
+                detail: format!("all versions of a model share it; this model has {}", old[name]),
+            }),
+            None => Ok(settings),
+        }
+    }
+
+    /// The shape of the driver these settings describe.
+    #[must_use]
+    pub fn shape(&self) -> DriverShape {
+        DriverShape {
+            hidden: self.hidden as usize,
+            horizon: self.horizon as usize,
+            dt_s: self.dt_s as f32,
+            accel_limit_mps2: self.accel_limit_mps2 as f32,
+        }
+    }
+
+    /// The settings of the arithmetic.
+    #[must_use]
+    pub fn learning(&self) -> LearnSettings {
+        LearnSettings {
+            shape: self.shape(),
+            epochs: self.epochs,
+            minibatch: self.minibatch as usize,
+            learning_rate: self.learning_rate as f32,
+            clip_norm: self.clip_norm as f32,
+            collision_penalty: self.collision_penalty as f32,
+            backward_penalty: self.backward_penalty as f32,
+            strength: self.strength,
+            lambda: self.lambda,
+            mas_output: self.mas_output,
+            accumulation: self.accumulation,
+            penalty_step: self.penalty_step,
+            seed: self.seed,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::json;
+
+    #[test]
+    fn a_task_may_train_longer_but_not_with_another_network() {
+        let model = ModelSettings::default();
+        assert_eq!(model.for_task(&json!({"epochs": 9, "hidden": 128})).unwrap().epochs, 9);
+        assert_eq!(model.for_task(&json!({"hidden": 64})).unwrap_err().name, "hidden");
+        assert_eq!(model.for_task(&Value::Null).unwrap(), model);
+    }
+}

@@ -1,0 +1,175 @@
+//! Against a real database, with versions a fake learner made.
+
+use std::sync::Arc;
+
+use super::*;
+use crate::consolidation::Method;
+use crate::driver::Window;
+use crate::lineage::{ModelSettings, Promotion, PromotionDecision, PromotionPolicy};
+use crate::lstm::Layout;
+use crate::store::fixture::{Fixture, now};
+use crate::store::live::{MoveRequest, promote};
+use crate::store::outcome::{self, Outcome};
+use crate::store::task;
+
+const HIDDEN: usize = 2;
+
+/// A model with versions 1, 2 and 3, told apart by their weights; the last is live.
+async fn three_versions() -> (Fixture, i64) {
+    let fixture = Fixture::new().await;
+    let settings = ModelSettings { hidden: 2, ..ModelSettings::default() };
+    let model_id = fixture.model("m", Method::Naive, &settings).await;
+    for version in 1..=3_u16 {
+        fixture.batch(model_id, "fast", version..version + 1).await;
+        let task_id = fixture.tasks_of_pending(model_id).await[0];
+        let mut transaction = fixture.store.begin().await.unwrap();
+        task::start(&mut transaction, task_id, 1, now()).await.unwrap();
+        let judged_against = (version > 1).then(|| i64::from(version) - 1);
+        let outcome = outcome(&settings, f32::from(version), judged_against);
+        outcome::succeeded(&mut transaction, task_id, &outcome, now()).await.unwrap().unwrap();
+        transaction.commit().await.unwrap();
+    }
+    (fixture, model_id)
+}
+
+fn outcome(settings: &ModelSettings, weight: f32, judged_against: Option<i64>) -> Outcome {
+    let promotion =
+        Promotion { policy: PromotionPolicy::Auto, decision: PromotionDecision::Promoted, reason: "a test".to_owned() };
+    Outcome {
+        method: Method::Naive,
+        settings: settings.clone(),
+        strength: None,
+        lambda: None,
+        kernel: "none".to_owned(),
+        train_events: 1,
+        events_sha256: [0; 32],
+        scaling: serde_json::json!({
+            "mean": [10.0, 10.0, 0.0, 20.0], "spread": [5.0, 5.0, 1.0, 10.0],
+            "low": [0.0, 0.0, -5.0, 0.0], "high": [20.0, 20.0, 5.0, 100.0]
+        }),
+        importance: serde_json::Value::Null,
+        weights: vec![weight / 10.0; Layout { hidden: HIDDEN }.len()],
+        memory: None,
+        reservoir: Vec::new(),
+        regimes: Vec::new(),
+        promotion,
+        judged_against,
+    }
+}
+
+async fn predictor(fixture: &Fixture) -> Predictor {
+    let settings = PredictorSettings { named_versions: 1, inline_windows: 1 };
+    let predictor = Predictor::new(Arc::clone(&fixture.store), settings);
+    assert!(!predictor.ready(), "nothing is ready before it was looked for");
+    predictor.load_all().await.unwrap();
+    predictor
+}
+
+fn window(follower: f32, spacing: f32) -> Window {
+    Window { follower_speed_mps: vec![follower; 10], leader_speed_mps: vec![10.0; 10], spacing_m: vec![spacing; 10] }
+}
+
+async fn promoted(fixture: &Fixture, model_id: i64, version: i64) {
+    let request = MoveRequest { version: Some(version), reason: "r", actor: "a", expected_revision: None };
+    let mut transaction = fixture.store.begin().await.unwrap();
+    promote(&mut transaction, model_id, &request, now()).await.unwrap().unwrap();
+    transaction.commit().await.unwrap();
+}
+
+#[tokio::test]
+async fn the_live_version_serves_and_a_swap_leaves_requests_under_way_alone() {
+    let (fixture, model_id) = three_versions().await;
+    let predictor = predictor(&fixture).await;
+    assert!(predictor.ready());
+    let under_way = predictor.version(model_id, None).await.unwrap();
+    promoted(&fixture, model_id, 1).await;
+    predictor.refresh(model_id).await;
+    assert_eq!(under_way.version(), 3);
+    let live = predictor.version(model_id, None).await.unwrap();
+    assert_eq!(live.version(), 1);
+    let (old, new) = (under_way.predict(&[window(9.0, 20.0)]).unwrap(), live.predict(&[window(9.0, 20.0)]).unwrap());
+    assert_ne!(old[0].raw_accel_mps2.to_bits(), new[0].raw_accel_mps2.to_bits());
+    assert_eq!(new[0].accel_mps2.to_bits(), new[0].raw_accel_mps2.to_bits());
+}
+
+#[tokio::test]
+async fn a_named_version_answers_and_an_unknown_one_is_named() {
+    let (fixture, model_id) = three_versions().await;
+    let predictor = predictor(&fixture).await;
+    for named in [1, 2, 1, 3] {
+        assert_eq!(predictor.version(model_id, Some(named)).await.unwrap().version(), named);
+    }
+    assert!(matches!(predictor.version(model_id, Some(9)).await, Err(PredictError::UnknownVersion(9))));
+    let empty = fixture.model("empty", Method::Naive, &ModelSettings::default()).await;
+    predictor.refresh(empty).await;
+    assert!(matches!(predictor.version(empty, None).await, Err(PredictError::NoLiveVersion)));
+    assert!(predictor.ready(), "a model without a live version keeps nobody waiting");
+}
+
+#[tokio::test]
+async fn damaged_weights_are_never_served() {
+    let (fixture, model_id) = three_versions().await;
+    fixture.execute("update weights set weights = zeroblob(length(weights)) where version = 3").await;
+    let predictor = predictor(&fixture).await;
+    assert!(!predictor.ready());
+    for version in [None, Some(3)] {
+        assert!(matches!(predictor.version(model_id, version).await, Err(PredictError::Unusable(3))));
+    }
+    promoted(&fixture, model_id, 2).await;
+    predictor.refresh(model_id).await;
+    assert!(predictor.ready());
+    assert_eq!(predictor.version(model_id, None).await.unwrap().version(), 2);
+}
+
+#[tokio::test]
+async fn inputs_beyond_what_training_saw_are_flagged() {
+    let (fixture, model_id) = three_versions().await;
+    let live = predictor(&fixture).await.version(model_id, None).await.unwrap();
+    let flags = |follower, spacing| live.predict(&[window(follower, spacing)]).unwrap()[0].flags.clone();
+    assert_eq!(flags(10.0, 20.0), []);
+    assert_eq!(flags(10.0, 104.9), [], "a hair beyond the end of the recordings");
+    assert_eq!(flags(10.0, 105.1), [Flag::OutOfRange]);
+    assert_eq!(flags(19.0, 20.0), [Flag::OutOfRange], "relative speed counts too");
+    assert_eq!(
+        serde_json::to_value([Flag::OutOfRange, Flag::Envelope, Flag::WarmingUp]).unwrap(),
+        serde_json::json!(["out_of_range", "envelope", "warming_up"])
+    );
+}
+
+#[tokio::test]
+async fn a_window_holds_exactly_the_horizon_in_finite_numbers() {
+    let (fixture, model_id) = three_versions().await;
+    let live = predictor(&fixture).await.version(model_id, None).await.unwrap();
+    let mut short = window(10.0, 20.0);
+    short.leader_speed_mps.pop();
+    assert_eq!(
+        live.predict(&[window(10.0, 20.0), short]).unwrap_err().to_string(),
+        "window 1: leader_speed_mps holds 9 steps, exactly 10 are needed"
+    );
+    let mut hollow = window(10.0, 20.0);
+    hollow.spacing_m[4] = f32::NAN;
+    assert_eq!(live.predict(&[hollow]).unwrap_err().to_string(), "window 0: spacing_m[4] is not finite");
+}
+
+#[tokio::test]
+async fn large_requests_answer_what_small_ones_do() {
+    let (fixture, model_id) = three_versions().await;
+    let predictor = predictor(&fixture).await;
+    let live = predictor.version(model_id, None).await.unwrap();
+    let windows: Vec<_> = (0..50_u8).map(|i| window(10.0 + f32::from(i) / 100.0, 20.0)).collect();
+    let together = predictor.predict(Arc::clone(&live), windows.clone()).await.unwrap();
+    for (window, answer) in windows.into_iter().zip(together) {
+        assert_eq!(predictor.predict(Arc::clone(&live), vec![window]).await.unwrap(), [answer]);
+    }
+}
+
+#[tokio::test]
+async fn a_simulation_gives_one_value_a_leader_step_and_tells_of_a_collision() {
+    let (fixture, model_id) = three_versions().await;
+    let predictor = predictor(&fixture).await;
+    let live = predictor.version(model_id, None).await.unwrap();
+    let drive = predictor.simulate(live, window(10.0, 2.0), vec![0.0; 30]).await.unwrap();
+    assert_eq!((drive.spacing_m.len(), drive.follower_speed_mps.len(), drive.accel_mps2.len()), (30, 30, 30));
+    assert!(drive.collided, "10 m/s towards a standing leader 2 m ahead");
+    assert_eq!(drive.flags, [Flag::OutOfRange]);
+}

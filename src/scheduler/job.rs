@@ -1,0 +1,166 @@
+//! The learn job: one task from its start to its end.
+
+use std::sync::Arc;
+
+use super::handle::Scheduler;
+use super::observer::JobObserver;
+use super::running::{Running, StopReason, TaskProgress};
+use super::stage::Stage;
+use super::verdict;
+use crate::lineage::{Task, TaskError};
+use crate::store::outcome::{self, Finished, Overtaken};
+use crate::store::{StoreError, task};
+use crate::training::{LearnError, Learned};
+
+/// Why a job wrote no version.
+#[derive(Debug, thiserror::Error)]
+pub(super) enum JobError {
+    /// The task was asked to stop.
+    #[error("stopped")]
+    Stopped,
+    /// Its client is told why.
+    #[error("{}", .0.detail)]
+    Failed(TaskError),
+    /// The store failed.
+    #[error(transparent)]
+    Store(#[from] StoreError),
+    /// A bug.
+    #[error("panicked: {0}")]
+    Panicked(String),
+}
+
+impl From<LearnError> for JobError {
+    fn from(error: LearnError) -> Self {
+        let code = match &error {
+            LearnError::Stopped => return Self::Stopped,
+            LearnError::NoTrainingEvents => "no_training_events",
+            LearnError::Diverged { .. } => "diverged",
+            LearnError::Checkpoint(detail) => return StoreError::malformed("checkpoint", detail).into(),
+        };
+        Self::Failed(TaskError { code: code.to_owned(), detail: error.to_string() })
+    }
+}
+
+impl From<tokio::task::JoinError> for JobError {
+    fn from(error: tokio::task::JoinError) -> Self {
+        Self::Panicked(error.to_string())
+    }
+}
+
+/// Runs a started task and sees to it that it ends, whatever happens.
+pub(super) async fn supervise(scheduler: Scheduler, task: Task, running: Running) {
+    let task_id = task.task_id;
+    let job = tokio::spawn(run(scheduler.clone(), task, running.clone()));
+    let end = job.await.unwrap_or_else(|join| Err(join.into()));
+    if let Err(error) = settle(&scheduler, task_id, &running, end).await {
+        tracing::error!(task_id, %error, "the end of a task could not be written; it is tried again");
+    }
+    scheduler.0.running.release(task_id);
+    scheduler.wake();
+}
+
+/// Writes how a job that made no version ended.
+async fn settle(
+    scheduler: &Scheduler,
+    task_id: i64,
+    running: &Running,
+    end: Result<Finished, JobError>,
+) -> Result<(), StoreError> {
+    let now = (scheduler.0.clock)();
+    let error = match end {
+        Ok(Finished { version, live }) => {
+            tracing::info!(task_id, version, live, "a task succeeded");
+            return Ok(());
+        }
+        Err(error) => error,
+    };
+    let mut transaction = scheduler.0.store.begin().await?;
+    match error {
+        JobError::Stopped if running.stop.asked() == Some(StopReason::Hold) => {
+            let cancelled = task::cancel_requested(&mut transaction, task_id).await?;
+            if cancelled {
+                outcome::cancelled(&mut transaction, task_id, now).await?;
+            } else {
+                task::put_back(&mut transaction, task_id).await?;
+            }
+            tracing::info!(task_id, cancelled, "a task was held");
+        }
+        JobError::Stopped => {
+            outcome::cancelled(&mut transaction, task_id, now).await?;
+            tracing::info!(task_id, "a task was cancelled");
+        }
+        JobError::Failed(error) => {
+            outcome::failed(&mut transaction, task_id, &error, now).await?;
+            tracing::warn!(task_id, code = error.code, detail = error.detail, "a task failed");
+        }
+        error @ (JobError::Store(_) | JobError::Panicked(_)) => {
+            // The cause is for the log only.
+            let told =
+                TaskError { code: "internal".to_owned(), detail: "the server could not learn this task".to_owned() };
+            outcome::failed(&mut transaction, task_id, &told, now).await?;
+            tracing::error!(task_id, %error, "a task failed");
+        }
+    }
+    Ok(transaction.commit().await?)
+}
+
+async fn run(scheduler: Scheduler, task: Task, running: Running) -> Result<Finished, JobError> {
+    let task_id = task.task_id;
+    tracing::info!(task_id, regime = %task.regime, stage = task.stage, attempt = task.attempt, "a task starts");
+    running.progress.send_replace(TaskProgress::started(task.checkpointed));
+    let stage = Arc::new(Stage::load(&scheduler.0.store, task).await?);
+    if stage.train.is_empty() {
+        let detail = "none of the task's events is for training".to_owned();
+        return Err(JobError::Failed(TaskError { code: "no_training_events".to_owned(), detail }));
+    }
+    let learned = learn(&scheduler, &stage, &running).await?;
+    finish(&scheduler, &stage, learned).await
+}
+
+/// Learns the stage from its last checkpoint; from the start when that one is of no use.
+async fn learn(scheduler: &Scheduler, stage: &Arc<Stage>, running: &Running) -> Result<Learned, JobError> {
+    let task_id = stage.task.task_id;
+    let checkpoint = match scheduler.0.store.checkpoint(task_id).await {
+        Err(error @ StoreError::Malformed { .. }) => {
+            tracing::warn!(task_id, %error, "a checkpoint is damaged; the task starts afresh");
+            None
+        }
+        read => read?,
+    };
+    let mut observer = JobObserver::new(scheduler, task_id, running.clone());
+    let (scheduler, stage) = (scheduler.clone(), Arc::clone(stage));
+    let learned = tokio::task::spawn_blocking(move || {
+        let inner = &scheduler.0;
+        let input = stage.input();
+        match inner.learner.learn(&input, checkpoint.as_deref(), &inner.workers, &mut observer) {
+            Err(LearnError::Checkpoint(detail)) if checkpoint.is_some() => {
+                tracing::warn!(task_id, detail, "a checkpoint does not fit; the task starts afresh");
+                inner.learner.learn(&input, None, &inner.workers, &mut observer)
+            }
+            learned => learned,
+        }
+    });
+    Ok(learned.await??)
+}
+
+/// Measures the new version, lets the policy decide, and writes it all; tells the predictor.
+async fn finish(scheduler: &Scheduler, stage: &Stage, learned: Learned) -> Result<Finished, JobError> {
+    let mut verdict = verdict::measure(scheduler, stage, learned).await?;
+    loop {
+        let live = scheduler.0.store.model_by_id(stage.model.model_id).await?.live;
+        verdict.decide(scheduler, stage, live).await?;
+        let mut transaction = scheduler.0.store.begin().await?;
+        let now = (scheduler.0.clock)();
+        match outcome::succeeded(&mut transaction, stage.task.task_id, &verdict.outcome, now).await? {
+            Ok(finished) => {
+                transaction.commit().await.map_err(StoreError::from)?;
+                if finished.live {
+                    scheduler.0.predictor.refresh(stage.model.model_id).await;
+                }
+                return Ok(finished);
+            }
+            Err(Overtaken::LiveMoved) => {}
+            Err(Overtaken::Ended | Overtaken::CancelRequested) => return Err(JobError::Stopped),
+        }
+    }
+}

@@ -1,0 +1,59 @@
+//! The arithmetic as the scheduler sees it, so that a test can put something quick in its place.
+
+use rayon::ThreadPool;
+
+use crate::car_following::Event;
+use crate::driver::{DriverShape, Scaling};
+use crate::training::{self, Errors, LearnError, Learned, Observer, StageInput};
+
+/// Learns stages and measures what came of it. Called on blocking threads.
+pub trait Learner: Send + Sync + 'static {
+    /// As [`training::learn_stage`].
+    ///
+    /// # Errors
+    /// See [`LearnError`].
+    fn learn(
+        &self,
+        input: &StageInput<'_>,
+        resume: Option<&[u8]>,
+        workers: &ThreadPool,
+        observer: &mut dyn Observer,
+    ) -> Result<Learned, LearnError>;
+
+    /// As [`training::evaluate`].
+    fn evaluate(
+        &self,
+        shape: DriverShape,
+        scaling: &Scaling,
+        weights: &[f32],
+        events: &[Event],
+        workers: &ThreadPool,
+    ) -> Errors;
+}
+
+/// The real one.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Training;
+
+impl Learner for Training {
+    fn learn(
+        &self,
+        input: &StageInput<'_>,
+        resume: Option<&[u8]>,
+        workers: &ThreadPool,
+        observer: &mut dyn Observer,
+    ) -> Result<Learned, LearnError> {
+        training::learn_stage(input, resume, workers, observer)
+    }
+
+    fn evaluate(
+        &self,
+        shape: DriverShape,
+        scaling: &Scaling,
+        weights: &[f32],
+        events: &[Event],
+        workers: &ThreadPool,
+    ) -> Errors {
+        training::evaluate(shape, scaling, weights, events, workers)
+    }
+}

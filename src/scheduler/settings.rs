@@ -1,0 +1,30 @@
+//! Settings of the scheduler.
+
+use serde::{Deserialize, Serialize};
+
+/// How much trains at once, and how often what is looked at.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SchedulerSettings {
+    /// Tasks that run at once, of different models.
+    pub parallel_tasks: usize,
+    /// Threads that train, shared by these; 0 takes half of the cores.
+    pub training_threads: usize,
+    /// A running task saves a checkpoint this often, s.
+    pub checkpoint_s: f64,
+    /// How often schedules by age are looked at, s.
+    pub trigger_interval_s: f64,
+    /// A task whose process died more often than this fails.
+    pub max_crashes: u32,
+}
+
+impl SchedulerSettings {
+    /// The number of training threads, at least one.
+    #[must_use]
+    pub fn threads(&self) -> usize {
+        match self.training_threads {
+            0 => std::thread::available_parallelism().map_or(1, |cores| (cores.get() / 2).max(1)),
+            threads => threads,
+        }
+    }
+}

@@ -1,0 +1,114 @@
+//! Everything a task's stage starts from, loaded from the store.
+
+use sha2::{Digest, Sha256};
+
+use super::job::JobError;
+use crate::car_following::Event;
+use crate::consolidation::{Method, RegimeMemory};
+use crate::driver::Scaling;
+use crate::lineage::{Model, ModelSettings, Task, TaskError, Version};
+use crate::store::{LedgerEvent, LineRegime, Store, StoreError};
+use crate::training::StageInput;
+
+/// What a stage starts from.
+#[derive(Debug)]
+pub(super) struct Stage {
+    pub(super) task: Task,
+    pub(super) model: Model,
+    /// The model's with the task's overrides.
+    pub(super) settings: ModelSettings,
+    pub(super) number: u32,
+    pub(super) parent: Option<Known>,
+    /// At the model's step, in order of their digests.
+    pub(super) train: Vec<Event>,
+    /// Over these digests.
+    pub(super) events_sha256: [u8; 32],
+    memories: Vec<RegimeMemory>,
+}
+
+/// A version with its weights, ready to be measured.
+#[derive(Debug)]
+pub(super) struct Known {
+    pub(super) version: Version,
+    pub(super) scaling: Scaling,
+    pub(super) weights: Vec<f32>,
+    /// What its line has learned.
+    pub(super) regimes: Vec<LineRegime>,
+}
+
+impl Known {
+    pub(super) async fn load(store: &Store, model_id: i64, version: i64) -> Result<Self, StoreError> {
+        let found = store.version(model_id, version).await?;
+        let version = found.ok_or_else(|| StoreError::malformed("version", format!("{version} is missing")))?;
+        let scaling = serde_json::from_value(version.scaling.clone());
+        Ok(Self {
+            scaling: scaling.map_err(|e| StoreError::malformed("scaling", e))?,
+            weights: store.weights(model_id, version.version).await?,
+            regimes: store.line_regimes(model_id, version.version).await?,
+            version,
+        })
+    }
+}
+
+impl Stage {
+    pub(super) async fn load(store: &Store, task: Task) -> Result<Self, JobError> {
+        let model = store.model_by_id(task.model_id).await?;
+        let settings = model.settings.for_task(&task.settings).map_err(|e| StoreError::malformed("settings", e))?;
+        let number = task.stage.ok_or_else(|| StoreError::malformed("task", "a running task has no stage"))?;
+        let parent = match task.parent {
+            Some(version) => Some(Known::load(store, model.model_id, version).await?),
+            None => None,
+        };
+        if let Some(parent) = &parent {
+            let known = parent.regimes.iter().any(|regime| regime.evaluation.regime == task.regime);
+            if !known && parent.regimes.len() >= settings.max_regimes as usize {
+                let detail = format!("the line has learned {} regimes, its max_regimes", parent.regimes.len());
+                return Err(JobError::Failed(TaskError { code: "too_many_regimes".to_owned(), detail }));
+            }
+        }
+        let memories = match &parent {
+            Some(parent) if model.method.consolidates() => {
+                store.memories(model.model_id, parent.version.version).await?
+            }
+            _ => Vec::new(),
+        };
+        let events = match &parent {
+            Some(parent) if model.method == Method::Joint => {
+                store.line_training_events(model.model_id, task.task_id, parent.version.version).await?
+            }
+            _ => store.training_events(task.task_id).await?,
+        };
+        let events_sha256 = digest(&events);
+        let train = at_step(events, settings.dt_s);
+        Ok(Self { task, model, settings, number, parent, train, events_sha256, memories })
+    }
+
+    /// What the arithmetic is told.
+    pub(super) fn input(&self) -> StageInput<'_> {
+        let afresh = self.model.method == Method::Joint;
+        StageInput {
+            method: self.model.method,
+            settings: self.settings.learning(),
+            stage: self.number,
+            regime: self.task.regime.as_str(),
+            parent_weights: self.parent.as_ref().filter(|_| !afresh).map(|parent| parent.weights.as_slice()),
+            scaling: self.parent.as_ref().map(|parent| parent.scaling),
+            memory: &self.memories,
+            train: &self.train,
+        }
+    }
+}
+
+/// Stored events at the model's step.
+pub(super) fn at_step(events: Vec<LedgerEvent>, dt_s: f64) -> Vec<Event> {
+    events.into_iter().map(|stored| stored.event.resample(dt_s)).collect()
+}
+
+/// SHA-256 over the digests, which are sorted.
+fn digest(events: &[LedgerEvent]) -> [u8; 32] {
+    let mut hasher = Sha256::new();
+    for event in events {
+        hasher.update(event.sha256);
+    }
+    hasher.finalize().into()
+}

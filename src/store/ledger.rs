@@ -1,0 +1,142 @@
+//! The events behind a task, a line and a test reservoir.
+
+use sqlx::sqlite::SqliteRow;
+use sqlx::{Row, query};
+
+use super::column::{digest, stored_ids};
+use super::{Store, StoreError};
+use crate::car_following::Event;
+
+/// A stored event and its content digest.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LedgerEvent {
+    /// Its row id.
+    pub event_id: i64,
+    /// Digest of its content as uploaded.
+    pub sha256: [u8; 32],
+    /// The event, at the step it was uploaded with.
+    pub event: Event,
+}
+
+fn event_from(row: &SqliteRow) -> Result<LedgerEvent, StoreError> {
+    let event_id = row.try_get("event_id")?;
+    let event = Event::from_bytes(row.try_get("dt_s")?, row.try_get("arrays")?)
+        .ok_or_else(|| StoreError::malformed("event", format!("the arrays of event {event_id}")))?;
+    Ok(LedgerEvent { event_id, sha256: digest(row, "content_sha256")?, event })
+}
+
+impl Store {
+    /// The training events of a task's ledger, in order of their digests.
+    ///
+    /// # Errors
+    /// When the database cannot be read.
+    pub async fn training_events(&self, task_id: i64) -> Result<Vec<LedgerEvent>, StoreError> {
+        let rows = query(
+            "select e.event_id, e.content_sha256, e.dt_s, e.arrays from task_event te join event e using (event_id)
+             where te.task_id = ? and e.split = 'train' order by e.content_sha256",
+        )
+        .bind(task_id)
+        .fetch_all(&self.readers)
+        .await?;
+        rows.iter().map(event_from).collect()
+    }
+
+    /// The training events of a task's ledger and of the tasks behind `parent` and its parents, each once, in order of
+    /// their digests: what `joint` learns.
+    ///
+    /// # Errors
+    /// When the database cannot be read.
+    pub async fn line_training_events(
+        &self,
+        model_id: i64,
+        task_id: i64,
+        parent: i64,
+    ) -> Result<Vec<LedgerEvent>, StoreError> {
+        let rows = query(
+            "with recursive line (version, parent, task_id) as (
+                 select version, parent, task_id from version where model_id = ?1 and version = ?2
+                 union all
+                 select v.version, v.parent, v.task_id from line
+                 join version v on v.model_id = ?1 and v.version = line.parent
+             )
+             select e.event_id, e.content_sha256, e.dt_s, e.arrays from event e
+             where e.split = 'train' and e.event_id in (
+                 select event_id from task_event where task_id = ?3
+                 union
+                 select te.event_id from line join task_event te on te.task_id = line.task_id
+             )
+             order by e.content_sha256",
+        )
+        .bind(model_id)
+        .bind(parent)
+        .bind(task_id)
+        .fetch_all(&self.readers)
+        .await?;
+        rows.iter().map(event_from).collect()
+    }
+
+    /// The test events of a reservoir, if there is one yet, after a task: the `limit` of least digest among the old ones
+    /// and the task's, in order of their digests.
+    ///
+    /// # Errors
+    /// When the database cannot be read.
+    pub async fn refreshed_reservoir(
+        &self,
+        old: Option<i64>,
+        task_id: i64,
+        limit: u32,
+    ) -> Result<Vec<LedgerEvent>, StoreError> {
+        let old = match old {
+            Some(reservoir_id) => self.reservoir_ids(reservoir_id).await?,
+            None => Vec::new(),
+        };
+        let rows = query(
+            "select event_id, content_sha256, dt_s, arrays from event
+             where event_id in (
+                 select value from json_each(?)
+                 union
+                 select te.event_id from task_event te join event e using (event_id)
+                 where te.task_id = ? and e.split = 'test'
+             )
+             order by content_sha256 limit ?",
+        )
+        .bind(stored_ids(&old))
+        .bind(task_id)
+        .bind(limit)
+        .fetch_all(&self.readers)
+        .await?;
+        rows.iter().map(event_from).collect()
+    }
+
+    /// The test events of a reservoir, in order of their digests.
+    ///
+    /// # Errors
+    /// When the database cannot be read.
+    pub async fn reservoir(&self, reservoir_id: i64) -> Result<Vec<LedgerEvent>, StoreError> {
+        let ids = self.reservoir_ids(reservoir_id).await?;
+        let rows = query(
+            "select event_id, content_sha256, dt_s, arrays from event
+             where event_id in (select value from json_each(?)) order by content_sha256",
+        )
+        .bind(stored_ids(&ids))
+        .fetch_all(&self.readers)
+        .await?;
+        rows.iter().map(event_from).collect()
+    }
+
+    async fn reservoir_ids(&self, reservoir_id: i64) -> Result<Vec<i64>, StoreError> {
+        let row = query("select event_ids from reservoir where reservoir_id = ?")
+            .bind(reservoir_id)
+            .fetch_one(&self.readers)
+            .await?;
+        let bytes: &[u8] = row.try_get("event_ids")?;
+        let (ids, rest) = bytes.as_chunks::<8>();
+        if !rest.is_empty() {
+            return Err(StoreError::malformed(
+                "reservoir",
+                format!("{} bytes are no whole number of ids", bytes.len()),
+            ));
+        }
+        Ok(ids.iter().map(|id| i64::from_le_bytes(*id)).collect())
+    }
+}

@@ -1,0 +1,124 @@
+//! A line of parents: what a version's line has learned, remembers and is tested on.
+
+use sqlx::sqlite::SqliteRow;
+use sqlx::{Row, query};
+
+use super::column::{count, digest, floats, optional_count, sha256, word};
+use super::{Store, StoreError};
+use crate::consolidation::RegimeMemory;
+use crate::lineage::{RegimeEvaluation, TestMeasures};
+
+/// A regime a version's line has learned, with what is shared along the line.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LineRegime {
+    /// How the version drives in it.
+    pub evaluation: RegimeEvaluation,
+    /// What consolidation keeps of it.
+    pub anchor_id: Option<i64>,
+    /// Its test events.
+    pub reservoir_id: i64,
+}
+
+fn measures_from(
+    row: &SqliteRow,
+    [spacing, speed, collisions]: [&'static str; 3],
+) -> Result<Option<TestMeasures>, StoreError> {
+    let (spacing_mse, speed_mse): (Option<f64>, Option<f64>) = (row.try_get(spacing)?, row.try_get(speed)?);
+    let collisions: Option<u32> = optional_count(row, collisions)?;
+    let (Some(spacing_mse), Some(speed_mse), Some(collisions)) = (spacing_mse, speed_mse, collisions) else {
+        return Ok(None);
+    };
+    let (events, steps) = (count(row, "test_events")?, count(row, "test_steps")?);
+    Ok(Some(TestMeasures { spacing_mse, speed_mse, collisions, events, steps }))
+}
+
+fn regime_from(row: &SqliteRow) -> Result<LineRegime, StoreError> {
+    Ok(LineRegime {
+        evaluation: RegimeEvaluation {
+            regime: word(row, "regime")?,
+            learned_stage: count(row, "learned_stage")?,
+            learned_version: row.try_get("learned_version")?,
+            measures: measures_from(row, ["spacing_mse", "speed_mse", "collisions"])?,
+            before: measures_from(row, ["before_spacing_mse", "before_speed_mse", "before_collisions"])?,
+            diagonal_spacing_mse: row.try_get("diagonal_spacing_mse")?,
+            best_spacing_mse: row.try_get("best_spacing_mse")?,
+        },
+        anchor_id: row.try_get("anchor_id")?,
+        reservoir_id: row.try_get("reservoir_id")?,
+    })
+}
+
+impl Store {
+    /// Every regime the version's line has learned, in the order first learned.
+    ///
+    /// # Errors
+    /// When the database cannot be read.
+    pub async fn line_regimes(&self, model_id: i64, version: i64) -> Result<Vec<LineRegime>, StoreError> {
+        let rows = query("select * from version_regime where model_id = ? and version = ? order by position")
+            .bind(model_id)
+            .bind(version)
+            .fetch_all(&self.readers)
+            .await?;
+        rows.iter().map(regime_from).collect()
+    }
+
+    /// The version's evaluation: one entry a regime, in the order first learned.
+    ///
+    /// # Errors
+    /// When the database cannot be read.
+    pub async fn evaluation(&self, model_id: i64, version: i64) -> Result<Vec<RegimeEvaluation>, StoreError> {
+        let regimes = self.line_regimes(model_id, version).await?;
+        Ok(regimes.into_iter().map(|regime| regime.evaluation).collect())
+    }
+
+    /// What consolidation keeps of the regimes of the version's line, in the order first learned.
+    ///
+    /// # Errors
+    /// When the database cannot be read, or what it holds is not what was written.
+    pub async fn memories(&self, model_id: i64, version: i64) -> Result<Vec<RegimeMemory>, StoreError> {
+        let rows = query(
+            "select r.regime, a.samples, a.importance, a.weights, a.anchor_sha256
+             from version_regime r join anchor a on a.anchor_id = r.anchor_id
+             where r.model_id = ? and r.version = ? order by r.position",
+        )
+        .bind(model_id)
+        .bind(version)
+        .fetch_all(&self.readers)
+        .await?;
+        rows.iter().map(memory_from).collect()
+    }
+
+    /// The version and its parents, from the version to stage 1.
+    ///
+    /// # Errors
+    /// When the database cannot be read.
+    pub async fn ancestors(&self, model_id: i64, version: i64) -> Result<Vec<i64>, StoreError> {
+        let rows = query(
+            "with recursive line (version, parent) as (
+                 select version, parent from version where model_id = ?1 and version = ?2
+                 union all
+                 select v.version, v.parent from line join version v on v.model_id = ?1 and v.version = line.parent
+             )
+             select version from line",
+        )
+        .bind(model_id)
+        .bind(version)
+        .fetch_all(&self.readers)
+        .await?;
+        rows.iter().map(|row| Ok(row.try_get("version")?)).collect()
+    }
+}
+
+fn memory_from(row: &SqliteRow) -> Result<RegimeMemory, StoreError> {
+    let regime: String = row.try_get("regime")?;
+    let (importance, weights): (&[u8], &[u8]) = (row.try_get("importance")?, row.try_get("weights")?);
+    if sha256(&[importance, weights]) != digest(row, "anchor_sha256")? {
+        return Err(StoreError::malformed("anchor", format!("the digest of regime {regime} does not match")));
+    }
+    Ok(RegimeMemory {
+        importance: floats("anchor", importance)?,
+        anchor: floats("anchor", weights)?,
+        samples: count(row, "samples")?,
+        regime,
+    })
+}

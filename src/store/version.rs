@@ -1,0 +1,159 @@
+//! Versions: reading them, their weights and their evaluation, and the one thing that may be added later, a note.
+
+use jiff::Timestamp;
+use serde_json::Value;
+use sqlx::sqlite::{SqliteConnection, SqliteRow};
+use sqlx::{Row, query};
+
+use super::column::{count, digest, floats, json, sha256, stored_time, time, word};
+use super::{Store, StoreError, WriteTransaction};
+use crate::lineage::Version;
+
+/// The columns of [`version_from`], never the weights; the rest of the statement follows.
+macro_rules! select_version {
+    ($rest:literal) => {
+        concat!(
+            "select v.model_id, v.version, v.task_id, v.parent, v.stage, v.regime, v.method, v.settings, v.strength, ",
+            "v.lambda, v.kernel, v.train_events, v.events_sha256, v.scaling, v.importance, v.weights_sha256, ",
+            "v.promotion, v.created_at, n.note from version v ",
+            "left join version_note n on n.model_id = v.model_id and n.version = v.version ",
+            $rest
+        )
+    };
+}
+
+fn version_from(row: &SqliteRow) -> Result<Version, StoreError> {
+    Ok(Version {
+        model_id: row.try_get("model_id")?,
+        version: row.try_get("version")?,
+        task_id: row.try_get("task_id")?,
+        parent: row.try_get("parent")?,
+        stage: count(row, "stage")?,
+        regime: word(row, "regime")?,
+        method: word(row, "method")?,
+        settings: json(row, "settings")?,
+        strength: row.try_get("strength")?,
+        lambda: row.try_get("lambda")?,
+        kernel: row.try_get("kernel")?,
+        train_events: count(row, "train_events")?,
+        events_sha256: hex::encode(digest(row, "events_sha256")?),
+        scaling: json::<Value>(row, "scaling")?,
+        importance: json::<Value>(row, "importance")?,
+        weights_sha256: hex::encode(digest(row, "weights_sha256")?),
+        promotion: json(row, "promotion")?,
+        note: row.try_get("note")?,
+        created_at: time(row, "created_at")?,
+    })
+}
+
+impl Store {
+    /// The version, when the model has it.
+    ///
+    /// # Errors
+    /// When the database cannot be read.
+    pub async fn version(&self, model_id: i64, version: i64) -> Result<Option<Version>, StoreError> {
+        let row = query(select_version!("where v.model_id = ? and v.version = ?"))
+            .bind(model_id)
+            .bind(version)
+            .fetch_optional(&self.readers)
+            .await?;
+        row.as_ref().map(version_from).transpose()
+    }
+
+    /// At most `limit` versions of the model above `after`, ascending, without their weights.
+    ///
+    /// # Errors
+    /// When the database cannot be read.
+    pub async fn versions(&self, model_id: i64, after: i64, limit: u32) -> Result<Vec<Version>, StoreError> {
+        let rows = query(select_version!("where v.model_id = ? and v.version > ? order by v.version limit ?"))
+            .bind(model_id)
+            .bind(after)
+            .bind(limit)
+            .fetch_all(&self.readers)
+            .await?;
+        rows.iter().map(version_from).collect()
+    }
+
+    /// The live version of every model that has one: row ids of models, and versions.
+    ///
+    /// # Errors
+    /// When the database cannot be read.
+    pub async fn live_versions(&self) -> Result<Vec<(i64, i64)>, StoreError> {
+        let rows = query("select model_id, live_version from model where live_version is not null order by model_id")
+            .fetch_all(&self.readers)
+            .await?;
+        rows.iter().map(|row| Ok((row.try_get("model_id")?, row.try_get("live_version")?))).collect()
+    }
+
+    /// The version's weights, one flat vector; never weights whose digest does not match.
+    ///
+    /// # Errors
+    /// When there are none, they cannot be read, or they are not what was written.
+    pub async fn weights(&self, model_id: i64, version: i64) -> Result<Vec<f32>, StoreError> {
+        let row = query(
+            "select w.weights, v.weights_sha256 from weights w join version v using (model_id, version)
+             where w.model_id = ? and w.version = ?",
+        )
+        .bind(model_id)
+        .bind(version)
+        .fetch_optional(&self.readers)
+        .await?;
+        let row = row.ok_or_else(|| StoreError::malformed("weights", format!("version {version} has none")))?;
+        let bytes: &[u8] = row.try_get("weights")?;
+        if sha256(&[bytes]) != digest(&row, "weights_sha256")? {
+            return Err(StoreError::malformed("weights", format!("the digest of version {version} does not match")));
+        }
+        floats("weights", bytes)
+    }
+}
+
+/// Sets the remark on a version, or takes it away; `false` when the model has no such version.
+///
+/// # Errors
+/// When the database cannot be written.
+pub async fn set_note(
+    transaction: &mut WriteTransaction,
+    model_id: i64,
+    version: i64,
+    note: Option<&str>,
+    now: Timestamp,
+) -> Result<bool, StoreError> {
+    if !exists(transaction, model_id, version).await? {
+        return Ok(false);
+    }
+    match note {
+        Some(note) => {
+            query(
+                "insert into version_note (model_id, version, note, noted_at) values (?, ?, ?, ?)
+                 on conflict (model_id, version) do update set note = excluded.note, noted_at = excluded.noted_at",
+            )
+            .bind(model_id)
+            .bind(version)
+            .bind(note)
+            .bind(stored_time(now))
+            .execute(&mut **transaction)
+            .await?;
+        }
+        None => {
+            query("delete from version_note where model_id = ? and version = ?")
+                .bind(model_id)
+                .bind(version)
+                .execute(&mut **transaction)
+                .await?;
+        }
+    }
+    Ok(true)
+}
+
+/// Whether the model has the version.
+///
+/// # Errors
+/// When the database cannot be read.
+pub async fn exists(connection: &mut SqliteConnection, model_id: i64, version: i64) -> Result<bool, StoreError> {
+    let row = query("select 1 from version where model_id = ? and version = ?")
+        .bind(model_id)
+        .bind(version)
+        .fetch_optional(connection)
+        .await?;
+    Ok(row.is_some())
+}

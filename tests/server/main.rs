@@ -1,0 +1,29 @@
+//! The real server, over HTTP.
+
+#[path = "../support/mod.rs"]
+mod support;
+
+/// Retracting, listing, reading batches.
+mod batches;
+/// The router and `api/openapi.yaml` say the same.
+mod contract;
+/// Keys that are sent again.
+mod idempotency;
+/// Models: create, read, pause.
+mod models;
+/// Lists.
+mod paging;
+/// Predictions and simulations.
+mod predict;
+/// Requests that are wrong.
+mod problems;
+/// Promote, rollback, history.
+mod serving;
+/// Stopping and starting again.
+mod stopping;
+/// Learning on request.
+mod tasks;
+/// Each format, good and bad.
+mod uploads;
+/// What tasks made.
+mod versions;

@@ -1,0 +1,178 @@
+use futures_util::StreamExt;
+use reqwest::Method;
+use serde_json::{Value, json};
+
+use crate::support::events::events;
+use crate::support::{Server, contract};
+
+const TASKS: &str = "/v1/models/default/tasks";
+
+#[tokio::test]
+async fn a_task_learns_what_is_pending_and_makes_a_version() {
+    let server = Server::start().await;
+    server.upload("default", "?regime=fast", &events("e", 12, 12.0)).await.expect(201);
+    let task = server.post(TASKS, &json!({"batches": "pending"})).await.expect(202);
+    let id = task["task_id"].as_str().unwrap();
+    assert_eq!((task.header("location"), &task["task_ids"]), (&*format!("{TASKS}/{id}"), &json!([id])));
+    assert_eq!((&task["regime"], &task["batches"]), (&json!("fast"), &json!(["b1"])));
+    let ended = server.end_of("default", id).await;
+    assert_eq!(
+        (&ended["state"], &ended["version"], &ended["stage"]),
+        (&json!("succeeded"), &json!(1), &json!(1)),
+        "{}",
+        ended.text
+    );
+    assert_eq!((&ended["progress"], &ended["attempt"], &ended["error"]), (&json!(1.0), &json!(1), &json!(null)));
+    let model = server.get("/v1/models/default").await.expect(200);
+    assert_eq!((&model["live"], &model["head"]), (&json!(1), &json!(1)));
+    assert_eq!(server.get("/v1/models/default/batches/b1").await["events"]["learned"], 12);
+    let metrics = server.get("/metrics").await.text;
+    assert!(metrics.contains(r#"headway_live_version{model="default"} 1"#), "{metrics}");
+    server.stop().await;
+}
+
+#[tokio::test]
+async fn pending_events_of_several_regimes_make_one_task_each() {
+    let server = Server::start().await;
+    server.upload("default", "?regime=slow", &events("e", 8, 6.0)).await.expect(201);
+    server.upload("default", "?regime=fast", &events("f", 8, 16.0)).await.expect(201);
+    let tasks = server.post(TASKS, &json!({"batches": "pending"})).await.expect(202);
+    assert_eq!(tasks["task_ids"].as_array().unwrap().len(), 2);
+    for (id, regime, stage) in [("t1", "slow", 1), ("t2", "fast", 2)] {
+        let ended = server.end_of("default", id).await;
+        assert_eq!(
+            (&ended["state"], &ended["regime"], &ended["stage"]),
+            (&json!("succeeded"), &json!(regime), &json!(stage))
+        );
+    }
+    let list = server.get(&format!("{TASKS}?page_size=1")).await.expect(200);
+    assert_eq!(list["tasks"][0]["task_id"], "t1");
+    assert!(list["next_page_token"].is_string());
+    server.stop().await;
+}
+
+#[tokio::test]
+async fn a_schedule_makes_the_task_in_the_upload() {
+    let server = Server::start_with("[model]\nschedule = { min_events = 8, max_wait_s = 3600 }").await;
+    assert_eq!(server.upload("default", "", &events("e", 4, 10.0)).await.expect(201)["task_ids"], json!([]));
+    let due = server.upload("default", "", &events("f", 4, 10.0)).await.expect(201);
+    let id = due["task_ids"][0].as_str().unwrap();
+    assert_eq!(server.end_of("default", id).await["batches"], json!(["b1", "b2"]));
+    server.stop().await;
+}
+
+#[tokio::test]
+async fn a_wish_is_refused_for_what_is_wrong_with_it() {
+    let server = Server::start().await;
+    server.upload("default", "", &events("e", 8, 10.0)).await.expect(201);
+    for (wish, pointer) in [
+        (json!({"batches": "all"}), "/batches"),
+        (json!({"batches": []}), "/batches"),
+        (json!({"batches": ["b1", "b9"]}), "/batches/1"),
+        (json!({"batches": ["x"]}), "/batches/0"),
+        (json!({"batches": "pending", "regime": "a b"}), "/regime"),
+        (json!({"batches": "pending", "where": {"mean_speed_mps": [3.0, 2.0]}}), "/where/mean_speed_mps"),
+    ] {
+        let answer = server.post(TASKS, &wish).await.expect_problem(422, "invalid_body");
+        assert_eq!(answer["errors"][0]["pointer"], pointer, "{wish}");
+    }
+    let hidden = json!({"batches": "pending", "settings": {"hidden": 3}});
+    server.post(TASKS, &hidden).await.expect_problem(422, "invalid_settings");
+    let nobody = json!({"batches": "pending", "where": {"mean_speed_mps": [90.0, 99.0]}});
+    server.post(TASKS, &nobody).await.expect_problem(409, "nothing_pending");
+    assert_eq!(server.get(TASKS).await["tasks"], json!([]));
+    server.stop().await;
+}
+
+#[tokio::test]
+async fn a_task_without_training_events_fails_and_its_events_are_held() {
+    let server = Server::start().await;
+    let mut events = events("e", 4, 10.0);
+    events.iter_mut().for_each(|event| event["split"] = json!("test"));
+    server.upload("default", "", &events).await.expect(201);
+    server.post(TASKS, &json!({"batches": "pending"})).await.expect(202);
+    let ended = server.end_of("default", "t1").await;
+    assert_eq!((&ended["state"], &ended["error"]["code"]), (&json!("failed"), &json!("no_training_events")));
+    assert_eq!(server.get("/v1/models/default/batches/b1").await["events"]["held"], 4);
+    server.stop().await;
+}
+
+#[tokio::test]
+async fn a_queued_and_a_running_task_are_cancelled_once() {
+    let server = Server::start_with("[model]\nepochs = 1000").await;
+    server.upload("default", "?regime=a", &events("e", 40, 10.0)).await.expect(201);
+    server.upload("default", "?regime=b", &events("f", 8, 10.0)).await.expect(201);
+    server.post(TASKS, &json!({"batches": "pending"})).await.expect(202);
+    let cancelled = server.post(&format!("{TASKS}/t2/cancel"), &json!({})).await.expect(200);
+    assert_eq!(cancelled["state"], "cancelled");
+    server.post(&format!("{TASKS}/t2/cancel"), &json!({})).await.expect_problem(409, "task_ended");
+    server.post(&format!("{TASKS}/t1/cancel"), &json!({})).await.expect(200);
+    assert_eq!(server.end_of("default", "t1").await["state"], "cancelled");
+    assert_eq!(server.get("/v1/models/default/batches/b1").await["events"]["set_aside"], 40);
+    assert_eq!(server.get("/v1/models/default/versions").await["versions"], json!([]));
+    server.stop().await;
+}
+
+#[tokio::test]
+async fn a_paused_model_waits_until_it_is_resumed() {
+    let server = Server::start().await;
+    server.post("/v1/models/default/pause", &json!({})).await.expect(200);
+    server.upload("default", "", &events("e", 8, 10.0)).await.expect(201);
+    server.post(TASKS, &json!({"batches": "pending"})).await.expect(202);
+    assert_eq!(server.get(&format!("{TASKS}/t1?wait_s=0.3")).await.expect(200)["state"], "queued");
+    server.post("/v1/models/default/resume", &json!({})).await.expect(200);
+    assert_eq!(server.end_of("default", "t1").await["state"], "succeeded");
+    server.stop().await;
+}
+
+#[tokio::test]
+async fn waiting_is_bounded() {
+    let server = Server::start().await;
+    server.upload("default", "", &events("e", 8, 10.0)).await.expect(201);
+    server.post(TASKS, &json!({"batches": "pending"})).await.expect(202);
+    for wait in ["61", "-1", "NaN", "x"] {
+        server.get(&format!("{TASKS}/t1?wait_s={wait}")).await.expect_problem(422, "invalid_query");
+    }
+    server.end_of("default", "t1").await;
+    server.stop().await;
+}
+
+#[tokio::test]
+async fn a_task_asked_for_again_under_its_key_is_made_once() {
+    let server = Server::start().await;
+    server.upload("default", "", &events("e", 8, 10.0)).await.expect(201);
+    let wish = json!({"batches": ["b1"]});
+    let first = server.post_with_key(TASKS, "k", &wish).await.expect(202);
+    server.end_of("default", "t1").await;
+    assert_eq!(server.post_with_key(TASKS, "k", &wish).await.expect(202).text, first.text);
+    assert_eq!(server.get(TASKS).await["tasks"].as_array().unwrap().len(), 1);
+    server.stop().await;
+}
+
+#[tokio::test]
+async fn progress_is_streamed_until_the_end() {
+    let server = Server::start_with("[model]\nepochs = 30\n[server]\nprogress_interval_s = 0.01").await;
+    server.upload("default", "", &events("e", 16, 10.0)).await.expect(201);
+    server.post(TASKS, &json!({"batches": "pending"})).await.expect(202);
+    let response = server.request(Method::GET, &format!("{TASKS}/t1/progress")).send().await.unwrap();
+    assert_eq!(response.headers()["content-type"], "text/event-stream");
+    let mut stream = response.bytes_stream();
+    let mut text = String::new();
+    while let Some(chunk) = stream.next().await {
+        text += std::str::from_utf8(&chunk.unwrap()).unwrap();
+    }
+    let data = |name: &str| -> Vec<Value> {
+        let marked = format!("event: {name}\ndata: ");
+        text.split("\n\n")
+            .filter_map(|event| event.strip_prefix(&marked))
+            .map(|data| serde_json::from_str(data).unwrap())
+            .collect()
+    };
+    let tasks = data("task");
+    tasks.iter().for_each(|task| contract::check_schema("Task", task));
+    assert_eq!(tasks.last().unwrap()["state"], "succeeded", "{text}");
+    let progress = data("progress");
+    assert!(progress.iter().all(|p| p["updates"].as_u64() >= p["update"].as_u64() && p["loss"].is_number()), "{text}");
+    assert!(progress.is_sorted_by_key(|p| p["update"].as_u64()));
+    server.stop().await;
+}
