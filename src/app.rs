@@ -71,6 +71,7 @@ async fn assemble(config: Config, stopping: watch::Receiver<bool>) -> anyhow::Re
     let learner = Box::new(Training);
     let scheduler =
         Scheduler::new(config.training, Arc::clone(&store), Arc::clone(&predictor), learner, Timestamp::now)?;
+    scheduler.take_over().await?;
     let slots = |count| Arc::new(Semaphore::new(count));
     Ok(Arc::new(AppState {
         store,

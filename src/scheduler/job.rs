@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use super::handle::Scheduler;
 use super::observer::JobObserver;
-use super::running::{Running, StopReason, TaskProgress};
+use super::running::{Running, StopReason};
 use super::stage::Stage;
 use super::verdict;
 use crate::lineage::{Task, TaskError};
@@ -107,7 +107,6 @@ async fn settle(
 async fn run(scheduler: Scheduler, task: Task, running: Running) -> Result<Finished, JobError> {
     let task_id = task.task_id;
     tracing::info!(task_id, regime = %task.regime, stage = task.stage, attempt = task.attempt, "a task starts");
-    running.progress.send_replace(TaskProgress::started(task.checkpointed));
     let stage = Arc::new(Stage::load(&scheduler.0.store, task).await?);
     if stage.train.is_empty() {
         let detail = "none of the task's events is for training".to_owned();

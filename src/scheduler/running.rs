@@ -73,9 +73,10 @@ impl RunningTasks {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Reserves a place before the task is started in the database, so that no wish to stop it is missed in between.
-    pub(super) fn reserve(&self, task_id: i64, model_id: i64) -> Running {
-        let (progress, _) = watch::channel(TaskProgress::started(0.0));
+    /// Reserves a place before the task is started in the database, so that no wish to stop it is missed in between. It
+    /// has done `share` of its updates.
+    pub(super) fn reserve(&self, task_id: i64, model_id: i64, share: f64) -> Running {
+        let (progress, _) = watch::channel(TaskProgress::started(share));
         let running = Running { model_id, stop: Arc::default(), progress };
         self.lock().insert(task_id, running.clone());
         running

@@ -14,7 +14,7 @@ pub struct SchedulerSettings {
     pub checkpoint_s: f64,
     /// How often schedules by age are looked at, s.
     pub trigger_interval_s: f64,
-    /// A task whose process died more often than this fails.
+    /// A task whose process died more often than this without a checkpoint in between fails.
     pub max_crashes: u32,
 }
 

@@ -25,6 +25,21 @@ impl TickOutcome {
 }
 
 impl Scheduler {
+    /// Puts tasks that an earlier process left running back in line; to be called once, before the first turn and before
+    /// anybody is answered.
+    ///
+    /// # Errors
+    /// When the database cannot be written.
+    pub async fn take_over(&self) -> Result<(), StoreError> {
+        let mut transaction = self.0.store.begin().await?;
+        let left = task::take_over(&mut transaction, (self.0.clock)()).await?;
+        transaction.commit().await?;
+        if !left.is_empty() {
+            tracing::warn!(tasks = ?left, "an earlier process ended while these tasks ran; they go on from their checkpoints");
+        }
+        Ok(())
+    }
+
     /// Makes the tasks that are due and starts what may start. Does not wait for them to end.
     ///
     /// # Errors
@@ -43,8 +58,8 @@ impl Scheduler {
 
     /// Starts one task; none when it was not to be started after all.
     async fn start(&self, candidate: Candidate) -> Result<Option<i64>, StoreError> {
-        let Candidate { task_id, model_id } = candidate;
-        let running = self.0.running.reserve(task_id, model_id);
+        let Candidate { task_id, model_id, checkpointed } = candidate;
+        let running = self.0.running.reserve(task_id, model_id, checkpointed);
         match self.start_in_store(task_id).await {
             Ok(Start::Running(task)) => {
                 tokio::spawn(job::supervise(self.clone(), *task, running));

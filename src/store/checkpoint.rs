@@ -7,7 +7,8 @@ use super::column::{digest, sha256, stored_time};
 use super::{Store, StoreError};
 
 impl Store {
-    /// Replaces the task's checkpoint, if the task is still running.
+    /// Replaces the task's checkpoint, if the task is still running. A task that gets on is not what ends its process:
+    /// crashes are counted anew from here.
     ///
     /// # Errors
     /// When the database cannot be written.
@@ -30,6 +31,10 @@ impl Store {
         .bind(task_id)
         .execute(&mut *transaction)
         .await?;
+        query("update task set crashes = 0 where task_id = ? and state = 'running' and crashes > 0")
+            .bind(task_id)
+            .execute(&mut *transaction)
+            .await?;
         Ok(transaction.commit().await?)
     }
 

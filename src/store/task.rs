@@ -35,12 +35,14 @@ pub enum Start {
 }
 
 /// A task that could start, as the queue sees it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Candidate {
     /// The task.
     pub task_id: i64,
     /// Its model's row id.
     pub model_id: i64,
+    /// The share done at its last checkpoint.
+    pub checkpointed: f64,
 }
 
 /// The columns of [`task_from`]; the rest of the statement follows.
@@ -107,22 +109,26 @@ impl Store {
         rows.iter().map(task_from).collect()
     }
 
-    /// The next task of every model that is not paused: one that was running when its process died, else the oldest.
+    /// The next task of every model that is not paused: one whose end could not be written, else the oldest.
     ///
     /// # Errors
     /// When the database cannot be read.
     pub async fn candidates(&self) -> Result<Vec<Candidate>, StoreError> {
         let rows = query(
-            "select t.model_id, coalesce(min(case when t.state = 'running' then t.task_id end), min(t.task_id)) as task_id
-             from task t join model m on m.model_id = t.model_id
-             where t.state in ('queued', 'running') and m.paused = 0
-             group by t.model_id order by 2",
+            "select first.model_id, first.task_id, coalesce(c.share, 0.0) as share from (
+                 select t.model_id, coalesce(min(case when t.state = 'running' then t.task_id end), min(t.task_id)) as task_id
+                 from task t join model m on m.model_id = t.model_id
+                 where t.state in ('queued', 'running') and m.paused = 0
+                 group by t.model_id
+             ) first left join checkpoint c on c.task_id = first.task_id order by first.task_id",
         )
         .fetch_all(&self.readers)
         .await?;
-        rows.iter()
-            .map(|row| Ok(Candidate { task_id: row.try_get("task_id")?, model_id: row.try_get("model_id")? }))
-            .collect()
+        let candidate = |row: &SqliteRow| {
+            let (task_id, model_id) = (row.try_get("task_id")?, row.try_get("model_id")?);
+            Ok(Candidate { task_id, model_id, checkpointed: row.try_get("share")? })
+        };
+        rows.iter().map(candidate).collect()
     }
 }
 
@@ -135,9 +141,36 @@ pub async fn get(connection: &mut SqliteConnection, task_id: i64) -> Result<Opti
     row.as_ref().map(task_from).transpose()
 }
 
+/// When a process begins: puts the tasks that the one before left running back in line, first of their models as before,
+/// and ends those that somebody had asked to cancel. Gives the ids of all of them.
+///
+/// Until then a task looks as if it ran, and a wish to cancel it would wait for a job that nobody has; for ever, when
+/// its model is paused.
+///
+/// # Errors
+/// When the database cannot be written.
+pub async fn take_over(transaction: &mut WriteTransaction, now: Timestamp) -> Result<Vec<i64>, StoreError> {
+    let rows = query(
+        "update task set state = 'queued', crashes = crashes + 1 where state = 'running'
+         returning task_id, cancel_requested",
+    )
+    .fetch_all(&mut **transaction)
+    .await?;
+    let mut left = Vec::with_capacity(rows.len());
+    for row in &rows {
+        let task_id = row.try_get("task_id")?;
+        if row.try_get::<i64, _>("cancel_requested")? == 1 {
+            outcome::cancelled(transaction, task_id, now).await?;
+        }
+        left.push(task_id);
+    }
+    Ok(left)
+}
+
 /// Starts or resumes a task. The first start fixes its parent, the head, and its stage.
 ///
-/// A task found running was left by a process that died; after `max_crashes` of these it fails.
+/// A task found running was left by a job whose end could not be written, which counts as a crash; after more than
+/// `max_crashes` without a checkpoint in between it fails.
 ///
 /// # Errors
 /// When the database cannot be written.
@@ -170,7 +203,7 @@ pub async fn start(
     if crashes > max_crashes {
         let error = TaskError {
             code: "internal".to_owned(),
-            detail: format!("the server ended {crashes} times while the task was running"),
+            detail: format!("the server ended {crashes} times while the task ran from the same checkpoint"),
         };
         outcome::failed(transaction, task_id, &error, now).await?;
         return Ok(Start::GivenUp);

@@ -57,6 +57,7 @@ impl Engine {
         let learner = Box::new(fake.clone());
         let store = Arc::clone(&fixture.store);
         let scheduler = Scheduler::new(scheduler_settings(), store, Arc::clone(&predictor), learner, clock).unwrap();
+        scheduler.take_over().await.unwrap();
         Self { fixture, scheduler, predictor, fake }
     }
 

@@ -124,22 +124,32 @@ async fn shutting_down_saves_a_checkpoint_and_the_next_process_goes_on_from_it()
     assert_eq!(engine.weights_sha256(model_id, 1).await, uninterrupted().await);
 }
 
-/// A database whose process died `crashes` times in the middle of its only task, after the checkpoint of update 1.
+/// A database whose process died `crashes` times in the middle of its only task, each time on the way from the checkpoint
+/// of update 1.
 async fn after_crashes(crashes: u32) -> (Engine, i64) {
     let fixture = Fixture::new().await;
     let model_id = fixture.model("m", Method::Ewc, &model_settings()).await;
     fixture.batch(model_id, "fast", 0..10).await;
     fixture.tasks_of_pending(model_id).await;
-    for _ in 0..crashes {
-        let mut transaction = fixture.store.begin().await.unwrap();
-        task::start(&mut transaction, 1, 100, clock()).await.unwrap();
-        transaction.commit().await.unwrap();
+    start(&fixture).await;
+    save_checkpoint(&fixture).await;
+    for _ in 1..crashes {
+        start(&fixture).await;
     }
+    (Engine::on(fixture.reopened().await, Script::default(), clock).await, model_id)
+}
+
+async fn start(fixture: &Fixture) {
+    let mut transaction = fixture.store.begin().await.unwrap();
+    task::start(&mut transaction, 1, 100, clock()).await.unwrap();
+    transaction.commit().await.unwrap();
+}
+
+async fn save_checkpoint(fixture: &Fixture) {
     let sum: f32 = (0..7).map(|mark| fixture::event(mark).spacing_m()[0]).sum();
     let mut state = vec![1];
     state.extend((0.5 + sum / 1000.0).to_le_bytes());
     fixture.store.save_checkpoint(1, 0.25, &state, clock()).await.unwrap();
-    (Engine::on(fixture.reopened().await, Script::default(), clock).await, model_id)
 }
 
 #[tokio::test]
@@ -177,11 +187,49 @@ batch 1 held 10"
 }
 
 #[tokio::test]
-async fn a_cancel_that_the_process_did_not_live_to_carry_out_is_carried_out_at_the_next_start() {
+async fn a_task_that_gets_on_between_crashes_is_not_given_up() {
+    let fixture = Fixture::new().await;
+    let model_id = fixture.model("m", Method::Ewc, &model_settings()).await;
+    fixture.batch(model_id, "fast", 0..10).await;
+    fixture.tasks_of_pending(model_id).await;
+    for _ in 0..10 {
+        start(&fixture).await;
+        save_checkpoint(&fixture).await;
+    }
+    let engine = Engine::on(fixture.reopened().await, Script::default(), clock).await;
+    engine.drain().await;
+    assert_eq!(engine.weights_sha256(model_id, 1).await, uninterrupted().await);
+}
+
+#[tokio::test]
+async fn a_resumed_task_never_shows_less_than_its_checkpoint() {
+    let (engine, _) = after_crashes(1).await;
+    let candidate = engine.fixture.store.candidates().await.unwrap()[0];
+    let reserved = engine.scheduler.0.running.reserve(candidate.task_id, candidate.model_id, candidate.checkpointed);
+    assert_eq!(reserved.progress.borrow().share, 0.25);
+}
+
+#[tokio::test]
+async fn a_task_of_a_paused_model_can_be_cancelled_after_its_process_died() {
     let (engine, model_id) = after_crashes(1).await;
+    engine.fixture.set_paused(model_id, true).await;
     let mut transaction = engine.fixture.store.begin().await.unwrap();
-    task::cancel(&mut transaction, model_id, 1, clock()).await.unwrap();
+    assert_eq!(task::cancel(&mut transaction, model_id, 1, clock()).await.unwrap(), Cancelled::AtOnce);
     transaction.commit().await.unwrap();
+    assert!(engine.fixture.picture(model_id).await.ends_with("batch 1 set_aside 10"));
+}
+
+#[tokio::test]
+async fn a_cancel_that_the_process_did_not_live_to_carry_out_is_carried_out_at_the_next_start() {
+    let fixture = Fixture::new().await;
+    let model_id = fixture.model("m", Method::Ewc, &model_settings()).await;
+    fixture.batch(model_id, "fast", 0..10).await;
+    fixture.tasks_of_pending(model_id).await;
+    start(&fixture).await;
+    let mut transaction = fixture.store.begin().await.unwrap();
+    assert_eq!(task::cancel(&mut transaction, model_id, 1, clock()).await.unwrap(), Cancelled::Requested);
+    transaction.commit().await.unwrap();
+    let engine = Engine::on(fixture.reopened().await, Script::default(), clock).await;
     engine.drain().await;
     assert!(engine.fixture.picture(model_id).await.ends_with("batch 1 set_aside 10"));
     assert!(engine.fake.log().is_empty());
