@@ -20,23 +20,34 @@ pub(super) fn decode(
     output: &mut Output<'_, '_>,
 ) -> Result<(), FormatError> {
     let mut deserializer = serde_json::Deserializer::from_reader(reader);
-    let mut failure = None;
-    let document = Document { budget, output, failure: &mut failure };
+    let mut so_far = SoFar { failure: None, pointer: "" };
+    let document = Document { budget, output, so_far: &mut so_far };
     let read = deserializer.deserialize_map(document).and_then(|()| deserializer.end());
-    match (failure, read) {
+    match (so_far.failure, read) {
         (Some(failure), _) => Err(failure),
         (None, Ok(())) => Ok(()),
+        (None, Err(error)) if error.is_data() => {
+            Err(FormatError::invalid(Place::Pointer(so_far.pointer.to_owned()), "wrong_type", error.to_string()))
+        }
         (None, Err(error)) if error.is_eof() => Err(FormatError::Truncated { detail: error.to_string() }),
         (None, Err(error)) if error.is_io() => Err(std::io::Error::from(error).into()),
         (None, Err(error)) => Err(FormatError::malformed(None, error)),
     }
 }
 
-/// The document. Serde's errors are text only, so that ours are kept beside.
+/// What serde's errors do not carry, since they are text only.
+struct SoFar {
+    /// Our own error, behind the one that stopped serde.
+    failure: Option<FormatError>,
+    /// What is being read.
+    pointer: &'static str,
+}
+
+/// The document.
 struct Document<'a, 'o, 's> {
     budget: &'a Budget,
     output: &'a mut Output<'o, 's>,
-    failure: &'a mut Option<FormatError>,
+    so_far: &'a mut SoFar,
 }
 
 impl<'de> Visitor<'de> for Document<'_, '_, '_> {
@@ -47,13 +58,14 @@ impl<'de> Visitor<'de> for Document<'_, '_, '_> {
     }
 
     fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<(), A::Error> {
-        let Self { budget, output, failure } = self;
+        let Self { budget, output, so_far } = self;
         let mut seen = false;
         while let Some(key) = map.next_key::<String>()? {
             let invalid = match key.as_str() {
                 "events" if !seen => {
                     seen = true;
-                    map.next_value_seed(Events { budget, output, failure })?;
+                    so_far.pointer = "/events";
+                    map.next_value_seed(Events { budget, output, failure: &mut so_far.failure })?;
                     continue;
                 }
                 "events" => "duplicate_field",
@@ -62,12 +74,12 @@ impl<'de> Visitor<'de> for Document<'_, '_, '_> {
             let key = shortened(&key);
             let place = Place::Pointer(format!("/{}", key.replace('~', "~0").replace('/', "~1")));
             let detail = format!("{key:?}: the document holds \"events\", once, and nothing else");
-            *failure = Some(FormatError::invalid(place, invalid, detail));
+            so_far.failure = Some(FormatError::invalid(place, invalid, detail));
             return Err(A::Error::custom("stopped"));
         }
         if !seen {
             let detail = "\"events\" is missing".to_owned();
-            *failure = Some(FormatError::invalid(Place::Pointer(String::new()), "missing_field", detail));
+            so_far.failure = Some(FormatError::invalid(Place::Pointer(String::new()), "missing_field", detail));
             return Err(A::Error::custom("stopped"));
         }
         Ok(())

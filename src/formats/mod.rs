@@ -54,7 +54,8 @@ pub struct BodyKind {
     pub preset: Preset,
 }
 
-/// Decodes the body in `file` from its beginning, giving each event or rejection to `sink` in order.
+/// Decodes the body in `file` from its beginning, giving each event or rejection to `sink` in order. A body may well
+/// hold none of either.
 ///
 /// # Errors
 /// When the body as a whole cannot be used. What `sink` was given before then is to be forgotten.
@@ -63,17 +64,16 @@ pub fn decode(file: File, kind: BodyKind, limits: &FormatLimits, sink: &mut Sink
     let mut output = output::Output::new(limits, sink);
     let (file, budget) = source::open(file, limits)?;
     match kind.format {
-        Format::Json => json::decode(source::decompress(file, kind.encoding, &budget)?, &budget, &mut output)?,
-        Format::Ndjson => ndjson::decode(source::decompress(file, kind.encoding, &budget)?, &budget, &mut output)?,
+        Format::Json => json::decode(source::decompress(file, kind.encoding, &budget)?, &budget, &mut output),
+        Format::Ndjson => ndjson::decode(source::decompress(file, kind.encoding, &budget)?, &budget, &mut output),
         Format::Csv => {
-            csv::decode(source::decompress(file, kind.encoding, &budget)?, &budget, kind.preset, &mut output)?;
+            csv::decode(source::decompress(file, kind.encoding, &budget)?, &budget, kind.preset, &mut output)
         }
         Format::Parquet => {
             let file = source::seekable(file, kind.encoding, &budget)?;
-            parquet::decode(file, kind.preset, limits, &mut output)?;
+            parquet::decode(file, kind.preset, limits, &mut output)
         }
     }
-    output.end()
 }
 
 #[cfg(test)]

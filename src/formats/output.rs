@@ -40,12 +40,4 @@ impl<'a, 's> Output<'a, 's> {
             ControlFlow::Break(()) => Err(FormatError::Stopped),
         }
     }
-
-    /// The body is over.
-    pub(super) fn end(self) -> Result<(), FormatError> {
-        if self.next == 0 {
-            return Err(FormatError::invalid(None, "no_events", "the body holds no events".to_owned()));
-        }
-        Ok(())
-    }
 }

@@ -113,11 +113,16 @@ fn parse<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, Problem> {
 }
 
 fn refusal(error: &serde_json::Error, pointer: String) -> Problem {
-    if error.is_data() {
+    if error.is_data() || is_out_of_range(error) {
         let detail = error.to_string();
         return Code::InvalidBody.because(detail.clone()).with_error(InputError::at(pointer, "invalid_value", detail));
     }
     Code::MalformedJson.because(error.to_string())
+}
+
+/// Whether a number is well formed and greater than any 64-bit float, which serde_json takes for a fault of syntax.
+fn is_out_of_range(error: &serde_json::Error) -> bool {
+    error.to_string().starts_with("number out of range")
 }
 
 fn pointer(path: &serde_path_to_error::Path) -> String {
@@ -143,7 +148,7 @@ mod tests {
     #[serde(deny_unknown_fields)]
     struct Example {
         #[expect(dead_code, reason = "only parsed")]
-        windows: Vec<Vec<f32>>,
+        windows: Vec<Vec<f64>>,
     }
 
     #[test]
@@ -155,8 +160,11 @@ mod tests {
         assert_eq!(code(r#"{"windows": [[NaN]]}"#), Code::MalformedJson);
         assert_eq!(code(r#"{"windows": [], "more": 1}"#), Code::InvalidBody);
         let context = super::super::context::RequestContext { request_id: String::new(), path: String::new() };
-        let problem = parse::<Example>(br#"{"windows": [[1], [2, "x"]]}"#).unwrap_err();
-        let body: serde_json::Value = serde_json::from_slice(&problem.answer(&context).into_stored().body).unwrap();
-        assert_eq!(body["errors"][0]["pointer"], json!("/windows/1/1"));
+        for wrong in [r#"{"windows": [[1], [2, "x"]]}"#, r#"{"windows": [[1], [2, -1e999]]}"#] {
+            let problem = parse::<Example>(wrong.as_bytes()).unwrap_err();
+            assert_eq!(problem.code(), Code::InvalidBody);
+            let body: serde_json::Value = serde_json::from_slice(&problem.answer(&context).into_stored().body).unwrap();
+            assert_eq!(body["errors"][0]["pointer"], json!("/windows/1/1"));
+        }
     }
 }

@@ -16,13 +16,16 @@ use crate::driver::Window;
 use crate::lineage::{Model, ModelName};
 use crate::predictor::{PredictError, Prediction, Simulated};
 
-/// A window as clients send it.
+/// Greatest number taken, m or m/s: absurd on a road, and what the network makes of it is finite.
+const GREATEST: f64 = 1e6;
+
+/// A window as clients send it. Numbers are read at double precision, as those of uploads are.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct WindowBody {
-    follower_speed_mps: Vec<f32>,
-    leader_speed_mps: Vec<f32>,
-    spacing_m: Vec<f32>,
+    follower_speed_mps: Vec<f64>,
+    leader_speed_mps: Vec<f64>,
+    spacing_m: Vec<f64>,
 }
 
 /// The body of a prediction.
@@ -38,7 +41,7 @@ pub struct PredictBody {
 #[serde(deny_unknown_fields)]
 pub struct SimulateBody {
     initial: WindowBody,
-    leader_speed_mps: Vec<f32>,
+    leader_speed_mps: Vec<f64>,
     version: Option<i64>,
 }
 
@@ -70,10 +73,10 @@ impl Defects {
         }
     }
 
-    fn numbers(&mut self, pointer: &str, values: &[f32]) {
-        for (step, value) in values.iter().enumerate().filter(|(_, value)| !value.is_finite()) {
-            let detail = format!("{value} is beyond what a 32-bit float holds");
-            self.add(format!("{pointer}/{step}"), "not_finite", detail);
+    fn numbers(&mut self, pointer: &str, values: &[f64]) {
+        for (step, value) in values.iter().enumerate().filter(|(_, value)| value.abs() > GREATEST) {
+            let detail = format!("{value:e} is not within ±{GREATEST:e}");
+            self.add(format!("{pointer}/{step}"), "out_of_range", detail);
         }
     }
 
@@ -101,11 +104,15 @@ impl Defects {
 impl From<WindowBody> for Window {
     fn from(body: WindowBody) -> Self {
         Self {
-            follower_speed_mps: body.follower_speed_mps,
-            leader_speed_mps: body.leader_speed_mps,
-            spacing_m: body.spacing_m,
+            follower_speed_mps: narrowed(&body.follower_speed_mps),
+            leader_speed_mps: narrowed(&body.leader_speed_mps),
+            spacing_m: narrowed(&body.spacing_m),
         }
     }
+}
+
+fn narrowed(values: &[f64]) -> Vec<f32> {
+    values.iter().map(|&value| value as f32).collect()
 }
 
 fn slot(slots: &Arc<Semaphore>) -> Result<OwnedSemaphorePermit, Problem> {
@@ -163,7 +170,7 @@ pub async fn simulate(
     defects.numbers("/leader_speed_mps", &body.leader_speed_mps);
     defects.refuse("the simulation cannot begin")?;
     let version = loaded.version();
-    let simulated = app.predictor.simulate(loaded, body.initial.into(), body.leader_speed_mps).await;
+    let simulated = app.predictor.simulate(loaded, body.initial.into(), narrowed(&body.leader_speed_mps)).await;
     let simulated = simulated.map_err(|e| refusal(&model, e))?;
     let arrays = [&simulated.spacing_m, &simulated.follower_speed_mps, &simulated.accel_mps2];
     if arrays.into_iter().flatten().any(|value| !value.is_finite()) {
@@ -191,7 +198,7 @@ mod tests {
         let window = |n: usize| WindowBody {
             follower_speed_mps: vec![1.0; n],
             leader_speed_mps: vec![1.0; 2],
-            spacing_m: vec![1.0, f32::INFINITY],
+            spacing_m: vec![1.0, -2e6],
         };
         let mut defects = Defects { most: 3, found: Vec::new() };
         for at in 0..3 {

@@ -100,26 +100,3 @@ async fn a_simulation_starts_where_a_prediction_points() {
     assert_eq!(driven["collided"], false);
     server.stop().await;
 }
-
-#[tokio::test]
-async fn a_full_house_asks_to_come_back() {
-    let server = trained("[server]\nconcurrent_uploads = 1\nbody_idle_s = 30.0").await;
-    // A body that never comes holds the only place.
-    let (sender, receiver) = tokio::sync::mpsc::channel::<Result<Vec<u8>, std::io::Error>>(1);
-    let body = reqwest::Body::wrap_stream(tokio_stream::wrappers::ReceiverStream::new(receiver));
-    let path = "/v1/models/default/batches";
-    let slow = server.request(reqwest::Method::POST, path).header("content-type", "application/x-ndjson").body(body);
-    let slow = tokio::spawn(slow.send());
-    sender.send(Ok(b"{".to_vec())).await.unwrap();
-    let refused = loop {
-        let answer = server.upload("default", "", &events("f", 1, 10.0)).await;
-        if answer.status == 503 {
-            break answer;
-        }
-    };
-    assert_eq!(refused.expect_problem(503, "busy").header("retry-after"), "1");
-    drop(sender);
-    slow.await.unwrap().unwrap();
-    server.upload("default", "", &events("h", 1, 10.0)).await.expect(201);
-    server.stop().await;
-}

@@ -8,6 +8,7 @@ use parquet::file::writer::SerializedFileWriter;
 use parquet::schema::parser::parse_message_type;
 use reqwest::Method;
 use serde_json::{Value, json};
+use tokio::io::{AsyncReadExt, AsyncWriteExt};
 
 use crate::support::Server;
 use crate::support::events::events;
@@ -248,5 +249,26 @@ async fn an_upload_sent_again_under_its_key_is_stored_once() {
     let again = server.post_with_key(PATH, "k2", &refused).await.expect(422);
     assert_eq!((&again.text, again.header("idempotency-replayed")), (&first.text, "true"));
     assert_eq!(server.get(PATH).await["batches"].as_array().unwrap().len(), 2);
+    server.stop().await;
+}
+
+#[tokio::test]
+async fn a_full_house_asks_to_come_back() {
+    let server = Server::start_with("[server]\nconcurrent_uploads = 1").await;
+    let mut slow = tokio::net::TcpStream::connect(server.url.trim_start_matches("http://")).await.unwrap();
+    let head = "POST /v1/models/default/batches HTTP/1.1\r\nhost: x\r\ncontent-type: application/x-ndjson\r\n\
+                content-length: 1\r\nexpect: 100-continue\r\nconnection: close\r\n\r\n";
+    slow.write_all(head.as_bytes()).await.unwrap();
+    // The server asks for the body once the upload has its place.
+    let mut asked = [0; 25];
+    slow.read_exact(&mut asked).await.unwrap();
+    assert_eq!(&asked, b"HTTP/1.1 100 Continue\r\n\r\n");
+    let refused = server.upload("default", "", &events("e", 1, 10.0)).await;
+    assert_eq!(refused.expect_problem(503, "busy").header("retry-after"), "1");
+    slow.write_all(b"{").await.unwrap();
+    let mut answer = String::new();
+    slow.read_to_string(&mut answer).await.unwrap();
+    assert!(answer.starts_with("HTTP/1.1 400"), "{answer}");
+    server.upload("default", "", &events("e", 1, 10.0)).await.expect(201);
     server.stop().await;
 }
