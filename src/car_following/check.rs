@@ -55,11 +55,10 @@ impl CheckSettings {
             Some(times) => self.mean_step(times)?,
             None => None,
         };
-        let (field, dt_s) = match (recording.dt_s, conversion.dt_s, from_times) {
-            (Some(dt_s), _, _) => ("dt_s", dt_s),
-            (None, Some(dt_s), _) => ("dt_s", dt_s),
-            (None, None, Some(dt_s)) => ("t", dt_s),
-            (None, None, None) => {
+        let (field, dt_s) = match (recording.dt_s.or(conversion.dt_s), from_times) {
+            (Some(dt_s), _) => ("dt_s", dt_s),
+            (None, Some(dt_s)) => ("t", dt_s),
+            (None, None) => {
                 let detail = "no dt_s, no dt_s of the upload and no times to take it from".to_owned();
                 return Err(Defect::new(None, None, "missing_dt", detail));
             }
@@ -79,7 +78,8 @@ impl CheckSettings {
         }
         let [first, .., last] = times else { return Ok(None) };
         let mean = (last - first) / (times.len() - 1) as f64;
-        let uneven = times.windows(2).position(|t| !((t[1] - t[0] - mean).abs() <= self.max_time_jitter * mean.abs()));
+        let even = |t: &[f64]| (t[1] - t[0] - mean).abs() <= self.max_time_jitter * mean.abs();
+        let uneven = times.windows(2).position(|t| !even(t));
         match uneven {
             None if mean > 0.0 => Ok(Some(mean)),
             None => Err(Defect::new("t", 0, "uneven_t", "t does not increase".to_owned())),

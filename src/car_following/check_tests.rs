@@ -101,7 +101,7 @@ fn times_give_the_step_unless_it_is_declared() {
     let tenths = |k: usize| 1_700_000_000.0 + 0.1 * k as f64;
     let event = check(&timed((0..20).map(tenths).collect(), None)).unwrap();
     assert_eq!(event.dt_s().to_bits(), 0.1_f64.to_bits());
-    let frames = (0..20).map(|k| k as f64).collect();
+    let frames = (0..20).map(f64::from).collect();
     assert_eq!(check(&timed(frames, Some(0.1))).unwrap().dt_s(), 0.1);
     let gap = (0..20).map(|k| tenths(k + usize::from(k > 9))).collect();
     assert_eq!(codes(&timed(gap, None)), [("uneven_t", Some(10))]);

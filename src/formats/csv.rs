@@ -60,14 +60,14 @@ fn next(
     budget.next_event();
     reader.read_byte_record(record).map_err(|error| match error.into_kind() {
         ErrorKind::Io(error) => error.into(),
-        other => FormatError::malformed(None, format!("{other:?}")),
+        other => FormatError::malformed(None, &format!("{other:?}")),
     })
 }
 
 fn text(cell: &[u8], row: Option<u64>) -> Result<&str, FormatError> {
     std::str::from_utf8(cell)
         .map(str::trim)
-        .map_err(|_| FormatError::malformed(row.map(Place::Row), "CSV must be UTF-8, and a cell is not"))
+        .map_err(|_| FormatError::malformed(row.map(Place::Row), &"CSV must be UTF-8, and a cell is not"))
 }
 
 fn read(role: Role, cell: &[u8], row: u64) -> Result<Cell<'_>, FormatError> {

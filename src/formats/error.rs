@@ -77,7 +77,7 @@ impl FormatError {
         }
     }
 
-    pub(super) fn malformed(place: impl Into<Option<Place>>, detail: impl ToString) -> Self {
+    pub(super) fn malformed(place: impl Into<Option<Place>>, detail: &impl ToString) -> Self {
         Self::Malformed { place: place.into(), detail: detail.to_string() }
     }
 
@@ -98,6 +98,6 @@ impl From<io::Error> for FormatError {
         if error.kind() == io::ErrorKind::UnexpectedEof {
             return Self::Truncated { detail: error.to_string() };
         }
-        Self::malformed(None, error)
+        Self::malformed(None, &error)
     }
 }

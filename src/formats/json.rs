@@ -31,7 +31,7 @@ pub(super) fn decode(
         }
         (None, Err(error)) if error.is_eof() => Err(FormatError::Truncated { detail: error.to_string() }),
         (None, Err(error)) if error.is_io() => Err(std::io::Error::from(error).into()),
-        (None, Err(error)) => Err(FormatError::malformed(None, error)),
+        (None, Err(error)) => Err(FormatError::malformed(None, &error)),
     }
 }
 

@@ -1,7 +1,7 @@
 //! Bodies into raw events, one at a time: bounded memory whatever the length of the body.
 //!
 //! An event that cannot be read is a `Rejection` and the next one follows; a body that cannot be read is a
-//! [`FormatError`] and nothing of it counts.
+//! [`FormatError`](crate::formats::FormatError) and nothing of it counts.
 
 /// One column's cells of a Parquet file, a chunk at a time.
 mod cells;

@@ -59,7 +59,7 @@ fn read_group(
     output: &mut Output<'_, '_>,
 ) -> Result<u64, FormatError> {
     let mut left = usize::try_from(group.metadata().num_rows())
-        .map_err(|_| FormatError::malformed(None, "a row group has a negative number of rows"))?;
+        .map_err(|_| FormatError::malformed(None, &"a row group has a negative number of rows"))?;
     while left > 0 {
         let chunk = left.min(CHUNK_ROWS);
         for (role, column) in columns.iter_mut() {
@@ -67,7 +67,7 @@ fn read_group(
         }
         for row in 0..chunk {
             let cells: Result<Vec<_>, _> = columns.iter().map(|(_, column)| column.cell(row)).collect();
-            let cells = cells.map_err(|e| FormatError::malformed(Place::Row(number), e))?;
+            let cells = cells.map_err(|e| FormatError::malformed(Place::Row(number), &e))?;
             rows.row(number, &cells, output)?;
             number += 1;
         }
@@ -92,7 +92,7 @@ fn whole(file: &mut File) -> Result<(), FormatError> {
         (true, true) => Ok(()),
         (true, false) => Err(FormatError::Truncated { detail: "the file has no Parquet footer".to_owned() }),
         _ if length < 12 => Err(FormatError::Truncated { detail: format!("{length} bytes are no Parquet file") }),
-        _ => Err(FormatError::malformed(None, "the file does not begin as Parquet does")),
+        _ => Err(FormatError::malformed(None, &"the file does not begin as Parquet does")),
     }
 }
 
@@ -118,8 +118,8 @@ fn guarded<T>(run: impl FnOnce() -> Result<T, ParquetError>) -> Result<T, Format
     match catch_unwind(AssertUnwindSafe(run)) {
         Ok(Ok(value)) => Ok(value),
         Ok(Err(ParquetError::EOF(detail))) => Err(FormatError::Truncated { detail }),
-        Ok(Err(error)) => Err(FormatError::malformed(None, error)),
-        Err(_) => Err(FormatError::malformed(None, "the file contradicts itself")),
+        Ok(Err(error)) => Err(FormatError::malformed(None, &error)),
+        Err(_) => Err(FormatError::malformed(None, &"the file contradicts itself")),
     }
 }
 

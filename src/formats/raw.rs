@@ -52,15 +52,12 @@ impl Origin {
             Self::Line(line) => Place::Line(line),
             Self::Row(first) => Place::Row(first + step.unwrap_or(0) as u64),
             Self::Element(index) => {
-                let mut pointer = format!("/events/{index}");
-                if let Some(field) = field {
-                    pointer.push('/');
-                    pointer.push_str(&field.replace('~', "~0").replace('/', "~1"));
-                    if let Some(step) = step {
-                        pointer.push_str(&format!("/{step}"));
-                    }
-                }
-                Place::Pointer(pointer)
+                let field = field.map(|field| field.replace('~', "~0").replace('/', "~1"));
+                Place::Pointer(match (field, step) {
+                    (None, _) => format!("/events/{index}"),
+                    (Some(field), None) => format!("/events/{index}/{field}"),
+                    (Some(field), Some(step)) => format!("/events/{index}/{field}/{step}"),
+                })
             }
         }
     }

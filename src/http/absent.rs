@@ -4,16 +4,16 @@ use super::path::{ModelAt, VersionAt};
 use super::problem::{Code, Problem};
 
 /// `POST /v1/models/{model}/evaluate`
-pub async fn evaluate(_: ModelAt) -> Problem {
+pub(super) async fn evaluate(_: ModelAt) -> Problem {
     Code::NotAvailable.because("evaluating on events that are not kept comes with a later release")
 }
 
 /// `GET /v1/models/{model}/versions/{version}/artifact`
-pub async fn artifact(_: ModelAt, _: VersionAt) -> Problem {
+pub(super) async fn artifact(_: ModelAt, _: VersionAt) -> Problem {
     Code::NotAvailable.because("downloading a version as safetensors or ONNX comes with a later release")
 }
 
 /// `POST /v1/models/{model}/versions`
-pub async fn import(_: ModelAt) -> Problem {
+pub(super) async fn import(_: ModelAt) -> Problem {
     Code::NotAvailable.because("importing weights as a version comes with a later release")
 }

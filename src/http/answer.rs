@@ -34,7 +34,7 @@ impl Answer {
 
     /// With a header, replacing one of the same name.
     #[must_use]
-    pub fn with_header(mut self, name: HeaderName, value: impl Into<String>) -> Self {
+    pub fn with_header(mut self, name: &HeaderName, value: impl Into<String>) -> Self {
         self.0.headers.retain(|(present, _)| present != name.as_str());
         self.0.headers.push((name.as_str().to_owned(), value.into()));
         self
@@ -56,7 +56,7 @@ impl Answer {
 impl From<StoredAnswer> for Answer {
     /// A stored answer, marked as replayed.
     fn from(stored: StoredAnswer) -> Self {
-        Self(stored).with_header(HeaderName::from_static("idempotency-replayed"), "true")
+        Self(stored).with_header(&HeaderName::from_static("idempotency-replayed"), "true")
     }
 }
 

@@ -31,7 +31,7 @@ use crate::store::selection;
 /// The query of a retraction.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Retraction {
+pub(super) struct Retraction {
     erase: Option<bool>,
 }
 
@@ -65,7 +65,7 @@ async fn find(app: &AppState, model: &Model, batch: i64) -> Result<Batch, Proble
 }
 
 /// `POST /v1/models/{model}/batches`
-pub async fn upload(
+pub(super) async fn upload(
     State(app): State<Arc<AppState>>,
     ModelAt(model): ModelAt,
     context: RequestContext,
@@ -149,7 +149,7 @@ fn answer(model: &Model, context: &RequestContext, receipt: &Receipt, tasks: &[i
         };
         return Code::NoEventAccepted.because(detail).with_members(members).answer(context);
     }
-    Answer::json(StatusCode::CREATED, &members).with_header(LOCATION, location)
+    Answer::json(StatusCode::CREATED, &members).with_header(&LOCATION, location)
 }
 
 fn note(app: &AppState, model: &Model, receipt: &Receipt, bytes: u64) {
@@ -196,13 +196,17 @@ fn format_problem(error: FormatError) -> Problem {
 }
 
 /// `GET /v1/models/{model}/batches`
-pub async fn list(State(app): State<Arc<AppState>>, ModelAt(model): ModelAt, page: Page) -> Result<Answer, Problem> {
+pub(super) async fn list(
+    State(app): State<Arc<AppState>>,
+    ModelAt(model): ModelAt,
+    page: Page,
+) -> Result<Answer, Problem> {
     let batches = app.store.batches(model.model_id, page.after, page.fetch()).await?;
     Ok(Answer::ok(&page.body("batches", batches, |batch| batch.batch_id, |batch| body(&model, batch))))
 }
 
 /// `GET /v1/models/{model}/batches/{batch_id}`
-pub async fn read(
+pub(super) async fn read(
     State(app): State<Arc<AppState>>,
     ModelAt(model): ModelAt,
     BatchAt(batch): BatchAt,
@@ -213,7 +217,7 @@ pub async fn read(
 }
 
 /// `GET /v1/models/{model}/batches/{batch_id}/rejections`
-pub async fn rejections(
+pub(super) async fn rejections(
     State(app): State<Arc<AppState>>,
     ModelAt(model): ModelAt,
     BatchAt(batch): BatchAt,
@@ -226,7 +230,7 @@ pub async fn rejections(
 }
 
 /// `DELETE /v1/models/{model}/batches/{batch_id}`
-pub async fn retract(
+pub(super) async fn retract(
     State(app): State<Arc<AppState>>,
     ModelAt(model): ModelAt,
     BatchAt(batch): BatchAt,

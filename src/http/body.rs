@@ -17,7 +17,7 @@ use super::problem::{Code, InputError, Problem};
 
 /// A JSON body, read and understood.
 #[derive(Debug)]
-pub struct JsonBody<T> {
+pub(super) struct JsonBody<T> {
     /// What it says.
     pub value: T,
     /// SHA-256 over query and bytes: what makes a repeated request the same.
@@ -52,7 +52,7 @@ impl<T: DeserializeOwned + Send + 'static> FromRequest<Arc<AppState>> for JsonBo
 }
 
 /// The chunks of a body, refusing one that stalls or breaks off.
-pub fn timed(body: Body, idle_s: f64) -> impl Stream<Item = Result<Bytes, Problem>> + Send {
+pub(super) fn timed(body: Body, idle_s: f64) -> impl Stream<Item = Result<Bytes, Problem>> + Send {
     let idle = Duration::from_secs_f64(idle_s);
     futures_util::stream::unfold(Some(body.into_data_stream()), move |state| async move {
         let mut chunks = state?;
@@ -69,20 +69,20 @@ pub fn timed(body: Body, idle_s: f64) -> impl Stream<Item = Result<Bytes, Proble
 ///
 /// # Errors
 /// When it does.
-pub fn refuse_declared_excess(headers: &HeaderMap, limit: u64) -> Result<(), Problem> {
+pub(super) fn refuse_declared_excess(headers: &HeaderMap, limit: u64) -> Result<(), Problem> {
     let declared = headers.get(CONTENT_LENGTH).and_then(|v| v.to_str().ok()).and_then(|v| v.parse::<u64>().ok());
     if declared.is_some_and(|length| length > limit) { Err(too_large(limit)) } else { Ok(()) }
 }
 
 /// A 413 that names the limit.
 #[must_use]
-pub fn too_large(limit: u64) -> Problem {
+pub(super) fn too_large(limit: u64) -> Problem {
     Code::BodyTooLarge.because(format!("at most {limit} bytes are taken here"))
 }
 
 /// The media type, lowercase, without parameters.
 #[must_use]
-pub fn media_type(headers: &HeaderMap) -> Option<String> {
+pub(super) fn media_type(headers: &HeaderMap) -> Option<String> {
     let value = headers.get(CONTENT_TYPE)?.to_str().ok()?;
     Some(value.split(';').next().unwrap_or_default().trim().to_ascii_lowercase())
 }
@@ -120,22 +120,19 @@ fn refusal(error: &serde_json::Error, pointer: String) -> Problem {
     Code::MalformedJson.because(error.to_string())
 }
 
-/// Whether a number is well formed and greater than any 64-bit float, which serde_json takes for a fault of syntax.
+/// Whether a number is well formed and greater than any 64-bit float, which `serde_json` takes for a fault of syntax.
 fn is_out_of_range(error: &serde_json::Error) -> bool {
     error.to_string().starts_with("number out of range")
 }
 
 fn pointer(path: &serde_path_to_error::Path) -> String {
     use serde_path_to_error::Segment;
-    let mut pointer = String::new();
-    for segment in path {
-        match segment {
-            Segment::Seq { index } => pointer += &format!("/{index}"),
-            Segment::Map { key } => pointer += &format!("/{}", key.replace('~', "~0").replace('/', "~1")),
-            Segment::Enum { .. } | Segment::Unknown => {}
-        }
-    }
-    pointer
+    let token = |segment: &Segment| match segment {
+        Segment::Seq { index } => format!("/{index}"),
+        Segment::Map { key } => format!("/{}", key.replace('~', "~0").replace('/', "~1")),
+        Segment::Enum { .. } | Segment::Unknown => String::new(),
+    };
+    path.iter().map(token).collect::<Vec<_>>().concat()
 }
 
 #[cfg(test)]

@@ -63,7 +63,7 @@ fn is_sane(id: &str) -> bool {
 }
 
 /// The outermost layer.
-pub async fn observe(State(app): State<Arc<AppState>>, mut request: Request, next: Next) -> Response {
+pub(super) async fn observe(State(app): State<Arc<AppState>>, mut request: Request, next: Next) -> Response {
     let began = Instant::now();
     let context =
         RequestContext { request_id: app.request_ids.of(request.headers()), path: request.uri().path().to_owned() };

@@ -8,7 +8,7 @@ use crate::lineage::Model;
 
 /// The `ETag` of a model as it stands.
 #[must_use]
-pub fn etag(model: &Model) -> String {
+pub(super) fn etag(model: &Model) -> String {
     format!("\"{}-{}\"", model.model_id, model.revision)
 }
 
@@ -16,7 +16,7 @@ pub fn etag(model: &Model) -> String {
 ///
 /// # Errors
 /// 412 when `If-Match` is there and names neither this revision nor `*`.
-pub fn check_if_match(headers: &HeaderMap, model: &Model) -> Result<(), Problem> {
+pub(super) fn check_if_match(headers: &HeaderMap, model: &Model) -> Result<(), Problem> {
     let mut wanted = headers.get_all(IF_MATCH).iter().peekable();
     if wanted.peek().is_none() {
         return Ok(());

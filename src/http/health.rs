@@ -12,12 +12,12 @@ use super::answer::Answer;
 use super::problem::{Code, Problem};
 
 /// The process answers.
-pub async fn live() -> Answer {
+pub(super) async fn live() -> Answer {
     Answer::ok(&json!({"status": "ok"}))
 }
 
 /// The database can be written.
-pub async fn ready(State(app): State<Arc<AppState>>) -> Result<Answer, Problem> {
+pub(super) async fn ready(State(app): State<Arc<AppState>>) -> Result<Answer, Problem> {
     if *app.stopping.borrow() {
         return Err(Problem::busy(Code::ShuttingDown, "no new work is taken"));
     }
@@ -30,7 +30,7 @@ pub async fn ready(State(app): State<Arc<AppState>>) -> Result<Answer, Problem> 
 }
 
 /// Prometheus text.
-pub async fn metrics(State(app): State<Arc<AppState>>) -> Result<impl IntoResponse, Problem> {
+pub(super) async fn metrics(State(app): State<Arc<AppState>>) -> Result<impl IntoResponse, Problem> {
     for model in app.store.model_census().await? {
         app.metrics.model_state(&model.name, model.live, model.queued, model.running);
     }

@@ -13,7 +13,7 @@ use crate::store::WriteTransaction;
 use crate::store::idempotency::{self, Recollection, RequestIdentity};
 
 /// Longest key accepted, in bytes.
-pub const MAX_KEY_BYTES: usize = 255;
+pub(super) const MAX_KEY_BYTES: usize = 255;
 
 /// Requests with a key that are being answered.
 #[derive(Debug, Default)]
@@ -21,7 +21,7 @@ pub struct InFlight(Mutex<HashSet<(String, String)>>);
 
 /// A request that may carry a key. Holding it keeps a second request with the same key out.
 #[derive(Debug)]
-pub struct Repeatable {
+pub(super) struct Repeatable {
     app: Arc<AppState>,
     claim: Option<(String, String)>,
 }
@@ -50,7 +50,7 @@ impl Repeatable {
     ///
     /// # Errors
     /// When the key belongs to another request.
-    pub async fn recall(&self, request_sha256: [u8; 32]) -> Result<Option<Answer>, Problem> {
+    pub(super) async fn recall(&self, request_sha256: [u8; 32]) -> Result<Option<Answer>, Problem> {
         let Some(identity) = self.identity(request_sha256) else { return Ok(None) };
         match self.app.store.recall(&identity, self.app.settings.idempotency_keep_s).await? {
             Recollection::New => Ok(None),
@@ -65,7 +65,7 @@ impl Repeatable {
     ///
     /// # Errors
     /// When the database fails.
-    pub async fn keep(
+    pub(super) async fn keep(
         &self,
         tx: &mut WriteTransaction,
         request_sha256: [u8; 32],

@@ -149,6 +149,7 @@ pub fn router(app: Arc<AppState>) -> Router {
         .with_state(app)
 }
 
+#[expect(clippy::needless_pass_by_value, reason = "the layer hands it over")]
 fn panicked(payload: Box<dyn std::any::Any + Send>) -> axum::response::Response {
     let cause = payload
         .downcast_ref::<String>()

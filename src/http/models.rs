@@ -23,7 +23,7 @@ use crate::store::model;
 /// The body of a creation.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct NewModel {
+pub(super) struct NewModel {
     model: ModelName,
     method: Method,
     #[serde(default)]
@@ -44,11 +44,11 @@ fn body(model: &Model) -> Value {
 }
 
 fn answer(status: StatusCode, model: &Model) -> Answer {
-    Answer::json(status, &body(model)).with_header(ETAG, etag(model))
+    Answer::json(status, &body(model)).with_header(&ETAG, etag(model))
 }
 
 /// `POST /v1/models`
-pub async fn create(
+pub(super) async fn create(
     State(app): State<Arc<AppState>>,
     request: Repeatable,
     JsonBody { value: new, request_sha256 }: JsonBody<NewModel>,
@@ -64,7 +64,7 @@ pub async fn create(
     let Some(model) = model::create(&mut tx, &new.model, new.method, &settings).await? else {
         return Err(Code::ModelExists.because(format!("a model is already called {}", new.model)));
     };
-    let answer = answer(StatusCode::CREATED, &model).with_header(LOCATION, format!("/v1/models/{}", model.name));
+    let answer = answer(StatusCode::CREATED, &model).with_header(&LOCATION, format!("/v1/models/{}", model.name));
     request.keep(&mut tx, request_sha256, &answer).await?;
     tx.commit().await.map_err(Problem::internal)?;
     tracing::info!(model = %model.name, method = model.method.as_str(), "model created");
@@ -72,23 +72,23 @@ pub async fn create(
 }
 
 /// `GET /v1/models`
-pub async fn list(State(app): State<Arc<AppState>>, page: Page) -> Result<Answer, Problem> {
+pub(super) async fn list(State(app): State<Arc<AppState>>, page: Page) -> Result<Answer, Problem> {
     let models = app.store.models(page.after, page.fetch()).await?;
     Ok(Answer::ok(&page.body("models", models, |model| model.model_id, body)))
 }
 
 /// `GET /v1/models/{model}`
-pub async fn read(ModelAt(model): ModelAt) -> Answer {
+pub(super) async fn read(ModelAt(model): ModelAt) -> Answer {
     answer(StatusCode::OK, &model)
 }
 
 /// `POST /v1/models/{model}/pause`
-pub async fn pause(State(app): State<Arc<AppState>>, ModelAt(model): ModelAt) -> Result<Answer, Problem> {
+pub(super) async fn pause(State(app): State<Arc<AppState>>, ModelAt(model): ModelAt) -> Result<Answer, Problem> {
     set_paused(&app, &model, true).await
 }
 
 /// `POST /v1/models/{model}/resume`
-pub async fn resume(State(app): State<Arc<AppState>>, ModelAt(model): ModelAt) -> Result<Answer, Problem> {
+pub(super) async fn resume(State(app): State<Arc<AppState>>, ModelAt(model): ModelAt) -> Result<Answer, Problem> {
     set_paused(&app, &model, false).await
 }
 

@@ -11,19 +11,19 @@ use crate::lineage::{Model, ModelName};
 
 /// The model a path names.
 #[derive(Debug)]
-pub struct ModelAt(pub Model);
+pub(super) struct ModelAt(pub Model);
 
 /// The batch id a path names: `b12`.
 #[derive(Debug, Clone, Copy)]
-pub struct BatchAt(pub i64);
+pub(super) struct BatchAt(pub i64);
 
 /// The task id a path names: `t7`.
 #[derive(Debug, Clone, Copy)]
-pub struct TaskAt(pub i64);
+pub(super) struct TaskAt(pub i64);
 
 /// The version a path names: `3`.
 #[derive(Debug, Clone, Copy)]
-pub struct VersionAt(pub i64);
+pub(super) struct VersionAt(pub i64);
 
 impl FromRequestParts<Arc<AppState>> for ModelAt {
     type Rejection = Problem;
@@ -38,7 +38,7 @@ impl FromRequestParts<Arc<AppState>> for ModelAt {
 ///
 /// # Errors
 /// 404 when there is none.
-pub async fn find_model(app: &AppState, name: &str) -> Result<Model, Problem> {
+pub(super) async fn find_model(app: &AppState, name: &str) -> Result<Model, Problem> {
     let missing = || Code::ModelNotFound.because(format!("no model is called {name:?}"));
     let name = ModelName::parse(name).map_err(|_| missing())?;
     app.store.model(&name).await?.ok_or_else(missing)
@@ -71,7 +71,7 @@ async fn parameter(parts: &mut Parts, name: &str) -> Result<String, Problem> {
 
 /// The row behind `letter` and digits, written as this server writes it.
 #[must_use]
-pub fn parse_id(letter: &str, text: &str) -> Option<i64> {
+pub(super) fn parse_id(letter: &str, text: &str) -> Option<i64> {
     let digits = text.strip_prefix(letter)?;
     let canonical = digits.bytes().all(|b| b.is_ascii_digit()) && !digits.starts_with('0');
     digits.parse().ok().filter(|_| canonical)
@@ -79,13 +79,13 @@ pub fn parse_id(letter: &str, text: &str) -> Option<i64> {
 
 /// A batch's id on the wire.
 #[must_use]
-pub fn batch_id(row: i64) -> String {
+pub(super) fn batch_id(row: i64) -> String {
     format!("b{row}")
 }
 
 /// A task's id on the wire.
 #[must_use]
-pub fn task_id(row: i64) -> String {
+pub(super) fn task_id(row: i64) -> String {
     format!("t{row}")
 }
 

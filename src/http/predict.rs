@@ -31,7 +31,7 @@ struct WindowBody {
 /// The body of a prediction.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct PredictBody {
+pub(super) struct PredictBody {
     windows: Vec<WindowBody>,
     version: Option<i64>,
 }
@@ -39,14 +39,14 @@ pub struct PredictBody {
 /// The body of a simulation.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct SimulateBody {
+pub(super) struct SimulateBody {
     initial: WindowBody,
     leader_speed_mps: Vec<f64>,
     version: Option<i64>,
 }
 
 #[derive(Debug, Serialize)]
-struct Predictions<'a> {
+struct Predicted<'a> {
     model: &'a ModelName,
     version: i64,
     predictions: Vec<Prediction>,
@@ -57,7 +57,7 @@ struct Simulation<'a> {
     model: &'a ModelName,
     version: i64,
     #[serde(flatten)]
-    simulated: Simulated,
+    drive: Simulated,
 }
 
 /// Collects what is wrong with the numbers of a request, up to a bound.
@@ -126,7 +126,7 @@ fn too_many(pointer: &str, found: usize, most: usize) -> Problem {
 }
 
 /// `POST /v1/models/{model}/predict`
-pub async fn predict(
+pub(super) async fn predict(
     State(app): State<Arc<AppState>>,
     ModelAt(model): ModelAt,
     JsonBody { value: body, .. }: JsonBody<PredictBody>,
@@ -150,11 +150,11 @@ pub async fn predict(
         return Err(Problem::internal(format!("version {version} predicts a number that is not finite")));
     }
     app.metrics.predictions(model.name.as_str(), version, "predict", count as u64);
-    Ok(Answer::ok(&Predictions { model: &model.name, version, predictions }))
+    Ok(Answer::ok(&Predicted { model: &model.name, version, predictions }))
 }
 
 /// `POST /v1/models/{model}/simulate`
-pub async fn simulate(
+pub(super) async fn simulate(
     State(app): State<Arc<AppState>>,
     ModelAt(model): ModelAt,
     JsonBody { value: body, .. }: JsonBody<SimulateBody>,
@@ -170,14 +170,14 @@ pub async fn simulate(
     defects.numbers("/leader_speed_mps", &body.leader_speed_mps);
     defects.refuse("the simulation cannot begin")?;
     let version = loaded.version();
-    let simulated = app.predictor.simulate(loaded, body.initial.into(), narrowed(&body.leader_speed_mps)).await;
-    let simulated = simulated.map_err(|e| refusal(&model, e))?;
-    let arrays = [&simulated.spacing_m, &simulated.follower_speed_mps, &simulated.accel_mps2];
+    let drive = app.predictor.simulate(loaded, body.initial.into(), narrowed(&body.leader_speed_mps)).await;
+    let drive = drive.map_err(|e| refusal(&model, e))?;
+    let arrays = [&drive.spacing_m, &drive.follower_speed_mps, &drive.accel_mps2];
     if arrays.into_iter().flatten().any(|value| !value.is_finite()) {
         return Err(Problem::internal(format!("version {version} drives to a number that is not finite")));
     }
     app.metrics.predictions(model.name.as_str(), version, "simulate", 1);
-    Ok(Answer::ok(&Simulation { model: &model.name, version, simulated }))
+    Ok(Answer::ok(&Simulation { model: &model.name, version, drive }))
 }
 
 fn refusal(model: &Model, error: PredictError) -> Problem {

@@ -293,10 +293,10 @@ impl Problem {
             members.insert("errors".to_owned(), json!(errors));
         }
         members.extend(extensions.clone());
-        let answer = Answer::json(status, &body).with_header(CONTENT_TYPE, "application/problem+json");
-        headers.iter().fold(answer, |answer, (name, value)| {
-            answer.with_header(name.clone(), value.to_str().expect("set by this crate"))
-        })
+        let answer = Answer::json(status, &body).with_header(&CONTENT_TYPE, "application/problem+json");
+        headers
+            .iter()
+            .fold(answer, |answer, (name, value)| answer.with_header(name, value.to_str().expect("set by this crate")))
     }
 }
 

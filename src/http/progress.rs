@@ -20,7 +20,7 @@ use crate::lineage::{Model, TaskState};
 use crate::scheduler::TaskProgress;
 
 /// `GET /v1/models/{model}/tasks/{task_id}/progress`
-pub async fn watch(
+pub(super) async fn watch(
     State(app): State<Arc<AppState>>,
     ModelAt(model): ModelAt,
     TaskAt(task): TaskAt,

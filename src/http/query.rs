@@ -13,7 +13,7 @@ use super::problem::{Code, InputError, Problem};
 
 /// The query, understood.
 #[derive(Debug)]
-pub struct Query<T>(pub T);
+pub(super) struct Query<T>(pub T);
 
 impl<T: DeserializeOwned> FromRequestParts<Arc<AppState>> for Query<T> {
     type Rejection = Problem;
@@ -27,7 +27,7 @@ impl<T: DeserializeOwned> FromRequestParts<Arc<AppState>> for Query<T> {
 
 /// A page of a list: what comes after a key.
 #[derive(Debug, Clone, Copy)]
-pub struct Page {
+pub(super) struct Page {
     /// The last key of the page before; 0 at the start.
     pub after: i64,
     size: u32,
@@ -62,13 +62,13 @@ impl FromRequestParts<Arc<AppState>> for Page {
 impl Page {
     /// How many rows to ask the store for: one more than the page holds, to know whether there is a next.
     #[must_use]
-    pub fn fetch(&self) -> u32 {
+    pub(super) fn fetch(&self) -> u32 {
         self.size + 1
     }
 
     /// The body of a list called `plural`, of rows fetched by [`Self::fetch`].
     #[must_use]
-    pub fn body<T>(
+    pub(super) fn body<T>(
         &self,
         plural: &str,
         mut rows: Vec<T>,

@@ -29,7 +29,7 @@ const MAX_REASON_BYTES: usize = 1024;
 /// The body of a promotion.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Promotion {
+pub(super) struct Promotion {
     version: i64,
     reason: String,
     /// Needed for tainted versions, of which this release makes none.
@@ -40,7 +40,7 @@ pub struct Promotion {
 /// The body of a rollback.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Rollback {
+pub(super) struct Rollback {
     version: Option<i64>,
     reason: String,
 }
@@ -52,7 +52,7 @@ enum Direction {
 }
 
 /// `POST /v1/models/{model}/promote`
-pub async fn promote(
+pub(super) async fn promote(
     State(app): State<Arc<AppState>>,
     ModelAt(model): ModelAt,
     headers: HeaderMap,
@@ -69,7 +69,7 @@ pub async fn promote(
 }
 
 /// `POST /v1/models/{model}/rollback`
-pub async fn rollback(
+pub(super) async fn rollback(
     State(app): State<Arc<AppState>>,
     ModelAt(model): ModelAt,
     headers: HeaderMap,
@@ -118,7 +118,7 @@ async fn make_move(
         "history_id": history_id(moved.history_id),
         "cancelled": moved.cancelled.iter().map(|&task| task_id(task)).collect::<Vec<_>>(),
     }))
-    .with_header(ETAG, etag(&after));
+    .with_header(&ETAG, etag(&after));
     Ok((tx, moved, answer))
 }
 
@@ -171,7 +171,11 @@ fn body(entry: &HistoryEntry) -> Value {
 }
 
 /// `GET /v1/models/{model}/history`
-pub async fn history(State(app): State<Arc<AppState>>, ModelAt(model): ModelAt, page: Page) -> Result<Answer, Problem> {
+pub(super) async fn history(
+    State(app): State<Arc<AppState>>,
+    ModelAt(model): ModelAt,
+    page: Page,
+) -> Result<Answer, Problem> {
     let entries = app.store.history(model.model_id, page.after, page.fetch()).await?;
     Ok(Answer::ok(&page.body("history", entries, |entry| entry.history_id, body)))
 }

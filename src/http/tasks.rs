@@ -25,7 +25,7 @@ use crate::store::task::{self, Cancelled};
 /// The body of a wish for learning.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct NewTask {
+pub(super) struct NewTask {
     batches: Batches,
     regime: Option<RegimeName>,
     #[serde(rename = "where")]
@@ -56,12 +56,12 @@ struct Only {
 /// How long to wait for a final state.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Wait {
+pub(super) struct Wait {
     wait_s: Option<f64>,
 }
 
 /// A task as clients see it.
-pub fn body(app: &AppState, model: &Model, task: &Task) -> Value {
+pub(super) fn body(app: &AppState, model: &Model, task: &Task) -> Value {
     let progress = match task.state {
         TaskState::Succeeded => 1.0,
         TaskState::Running => {
@@ -89,13 +89,13 @@ pub fn body(app: &AppState, model: &Model, task: &Task) -> Value {
 }
 
 /// The task, or a 404.
-pub async fn find(app: &AppState, model: &Model, task: i64) -> Result<Task, Problem> {
+pub(super) async fn find(app: &AppState, model: &Model, task: i64) -> Result<Task, Problem> {
     let missing = || Code::TaskNotFound.because(format!("{} has no task {}", model.name, task_id(task)));
     app.store.task(model.model_id, task).await?.ok_or_else(missing)
 }
 
 /// `POST /v1/models/{model}/tasks`
-pub async fn create(
+pub(super) async fn create(
     State(app): State<Arc<AppState>>,
     ModelAt(model): ModelAt,
     request: Repeatable,
@@ -113,7 +113,7 @@ pub async fn create(
     let mut shown = body(&app, &model, &first);
     shown["task_ids"] = made.iter().map(|&task| task_id(task)).collect();
     let location = format!("/v1/models/{}/tasks/{}", model.name, task_id(first.task_id));
-    let answer = Answer::json(StatusCode::ACCEPTED, &shown).with_header(LOCATION, location);
+    let answer = Answer::json(StatusCode::ACCEPTED, &shown).with_header(&LOCATION, location);
     request.keep(&mut tx, request_sha256, &answer).await?;
     tx.commit().await.map_err(Problem::internal)?;
     app.scheduler.wake();
@@ -173,13 +173,17 @@ fn refusal(wish: &TaskRequest, refused: &NoTask) -> Problem {
 }
 
 /// `GET /v1/models/{model}/tasks`
-pub async fn list(State(app): State<Arc<AppState>>, ModelAt(model): ModelAt, page: Page) -> Result<Answer, Problem> {
+pub(super) async fn list(
+    State(app): State<Arc<AppState>>,
+    ModelAt(model): ModelAt,
+    page: Page,
+) -> Result<Answer, Problem> {
     let tasks = app.store.tasks(model.model_id, page.after, page.fetch()).await?;
     Ok(Answer::ok(&page.body("tasks", tasks, |task| task.task_id, |task| body(&app, &model, task))))
 }
 
 /// `GET /v1/models/{model}/tasks/{task_id}`
-pub async fn read(
+pub(super) async fn read(
     State(app): State<Arc<AppState>>,
     ModelAt(model): ModelAt,
     TaskAt(task): TaskAt,
@@ -216,7 +220,7 @@ async fn wait(app: &AppState, model: &Model, task: i64, patience: Duration) -> R
 }
 
 /// `POST /v1/models/{model}/tasks/{task_id}/cancel`
-pub async fn cancel(
+pub(super) async fn cancel(
     State(app): State<Arc<AppState>>,
     ModelAt(model): ModelAt,
     TaskAt(task): TaskAt,

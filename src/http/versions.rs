@@ -22,7 +22,7 @@ const MAX_NOTE_BYTES: usize = 4096;
 /// The body of a change: the only thing about a version that may change.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Note {
+pub(super) struct Note {
     note: Option<String>,
 }
 
@@ -52,7 +52,7 @@ fn body(model: &Model, version: &Version) -> Value {
 }
 
 /// A 404 for a version the model does not have.
-pub fn missing(model: &Model, version: i64) -> Problem {
+pub(super) fn missing(model: &Model, version: i64) -> Problem {
     Code::VersionNotFound.because(format!("{} has no version {version}", model.name))
 }
 
@@ -61,13 +61,17 @@ async fn find(app: &AppState, model: &Model, version: i64) -> Result<Version, Pr
 }
 
 /// `GET /v1/models/{model}/versions`
-pub async fn list(State(app): State<Arc<AppState>>, ModelAt(model): ModelAt, page: Page) -> Result<Answer, Problem> {
+pub(super) async fn list(
+    State(app): State<Arc<AppState>>,
+    ModelAt(model): ModelAt,
+    page: Page,
+) -> Result<Answer, Problem> {
     let versions = app.store.versions(model.model_id, page.after, page.fetch()).await?;
     Ok(Answer::ok(&page.body("versions", versions, |version| version.version, |version| body(&model, version))))
 }
 
 /// `GET /v1/models/{model}/versions/{version}`
-pub async fn read(
+pub(super) async fn read(
     State(app): State<Arc<AppState>>,
     ModelAt(model): ModelAt,
     VersionAt(version): VersionAt,
@@ -76,7 +80,7 @@ pub async fn read(
 }
 
 /// `PATCH /v1/models/{model}/versions/{version}`
-pub async fn annotate(
+pub(super) async fn annotate(
     State(app): State<Arc<AppState>>,
     ModelAt(model): ModelAt,
     VersionAt(version): VersionAt,
@@ -97,7 +101,7 @@ pub async fn annotate(
 }
 
 /// `GET /v1/models/{model}/versions/{version}/evaluation`
-pub async fn evaluation(
+pub(super) async fn evaluation(
     State(app): State<Arc<AppState>>,
     ModelAt(model): ModelAt,
     VersionAt(version): VersionAt,

@@ -33,6 +33,7 @@ impl Receipt {
     }
 }
 
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes fields by reference")]
 fn on_the_wire<S: Serializer>(batch_id: &i64, serializer: S) -> Result<S::Ok, S::Error> {
     serializer.collect_str(&format_args!("b{batch_id}"))
 }

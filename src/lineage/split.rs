@@ -53,7 +53,7 @@ impl Split {
         }
         let digest: [u8; 32] = hasher.finalize().into();
         let draw = u64::from_le_bytes(digest[..8].try_into().expect("eight bytes"));
-        match u128::from(draw) * 100 >> 64 {
+        match (u128::from(draw) * 100) >> 64 {
             0..70 => Self::Train,
             70..85 => Self::Validation,
             _ => Self::Test,

@@ -1,8 +1,9 @@
 //! Which task runs when: triggers, the queue, the learn job.
 //!
 //! One task runs at a time per model, `parallel_tasks` in all, in the order of their ids within a model. Everything that
-//! outlives the process is in the store; here is only what runs now and how to stop it. [`Scheduler::tick`] is one turn,
-//! which a test can make by hand; [`Scheduler::run`] makes them for the server.
+//! outlives the process is in the store; here is only what runs now and how to stop it.
+//! [`tick`](crate::scheduler::Scheduler::tick) is one turn, which a test can make by hand;
+//! [`run`](crate::scheduler::Scheduler::run) makes them for the server.
 
 mod handle;
 mod importance;

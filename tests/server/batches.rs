@@ -1,8 +1,8 @@
 use reqwest::Method;
 use serde_json::json;
 
-use crate::support::Server;
 use crate::support::events::events;
+use crate::support::server::Server;
 
 const PATH: &str = "/v1/models/default/batches";
 

@@ -2,7 +2,8 @@ use std::collections::BTreeSet;
 
 use headway::http::Code;
 
-use crate::support::{Server, contract};
+use crate::support::contract;
+use crate::support::server::Server;
 
 #[test]
 fn the_router_and_the_contract_have_the_same_paths() {

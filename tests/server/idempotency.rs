@@ -1,6 +1,6 @@
 use serde_json::json;
 
-use crate::support::Server;
+use crate::support::server::Server;
 
 #[tokio::test]
 async fn a_request_sent_again_gets_the_same_answer_and_has_no_further_effect() {

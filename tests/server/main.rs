@@ -1,5 +1,7 @@
 //! The real server, over HTTP.
 
+#![expect(clippy::unwrap_used, reason = "helpers of tests say what they expect in the shortest way, as tests do")]
+
 #[path = "../support/mod.rs"]
 mod support;
 

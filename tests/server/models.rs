@@ -1,6 +1,6 @@
 use serde_json::json;
 
-use crate::support::Server;
+use crate::support::server::Server;
 
 #[tokio::test]
 async fn the_default_model_is_there_from_the_start() {

@@ -1,6 +1,6 @@
 use serde_json::{Value, json};
 
-use crate::support::Server;
+use crate::support::server::Server;
 
 #[tokio::test]
 async fn a_list_is_read_page_by_page_without_gap_or_repetition() {

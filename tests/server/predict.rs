@@ -1,7 +1,7 @@
 use serde_json::{Value, json};
 
-use crate::support::Server;
 use crate::support::events::{events, window};
+use crate::support::server::Server;
 
 const PREDICT: &str = "/v1/models/default/predict";
 const SIMULATE: &str = "/v1/models/default/simulate";

@@ -1,7 +1,7 @@
 use reqwest::Method;
 use serde_json::json;
 
-use crate::support::Server;
+use crate::support::server::Server;
 
 #[tokio::test]
 async fn what_is_not_there_is_a_problem() {

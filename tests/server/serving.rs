@@ -1,8 +1,8 @@
 use reqwest::Method;
 use serde_json::{Value, json};
 
-use crate::support::Server;
 use crate::support::events::events;
+use crate::support::server::Server;
 
 const PROMOTE: &str = "/v1/models/default/promote";
 const ROLLBACK: &str = "/v1/models/default/rollback";

@@ -3,8 +3,8 @@ use std::process::{Command, Stdio};
 
 use serde_json::json;
 
-use crate::support::Server;
 use crate::support::events::{events, window};
+use crate::support::server::Server;
 
 #[tokio::test]
 async fn what_was_answered_is_there_after_a_restart() {

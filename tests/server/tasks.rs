@@ -2,8 +2,9 @@ use futures_util::StreamExt;
 use reqwest::Method;
 use serde_json::{Value, json};
 
+use crate::support::contract;
 use crate::support::events::events;
-use crate::support::{Server, contract};
+use crate::support::server::Server;
 
 const TASKS: &str = "/v1/models/default/tasks";
 
@@ -88,7 +89,9 @@ async fn a_wish_is_refused_for_what_is_wrong_with_it() {
 async fn a_task_without_training_events_fails_and_its_events_are_held() {
     let server = Server::start().await;
     let mut events = events("e", 4, 10.0);
-    events.iter_mut().for_each(|event| event["split"] = json!("test"));
+    for event in &mut events {
+        event["split"] = json!("test");
+    }
     server.upload("default", "", &events).await.expect(201);
     server.post(TASKS, &json!({"batches": "pending"})).await.expect(202);
     let ended = server.end_of("default", "t1").await;
@@ -169,7 +172,9 @@ async fn progress_is_streamed_until_the_end() {
             .collect()
     };
     let tasks = data("task");
-    tasks.iter().for_each(|task| contract::check_schema("Task", task));
+    for task in &tasks {
+        contract::check_schema("Task", task);
+    }
     assert_eq!(tasks.last().unwrap()["state"], "succeeded", "{text}");
     let progress = data("progress");
     assert!(progress.iter().all(|p| p["updates"].as_u64() >= p["update"].as_u64() && p["loss"].is_number()), "{text}");

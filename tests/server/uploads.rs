@@ -10,18 +10,12 @@ use reqwest::Method;
 use serde_json::{Value, json};
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 
-use crate::support::Server;
 use crate::support::events::events;
+use crate::support::server::{Answer, Server};
 
 const PATH: &str = "/v1/models/default/batches";
 
-async fn send(
-    server: &Server,
-    options: &str,
-    kind: &str,
-    encoding: Option<&str>,
-    body: Vec<u8>,
-) -> crate::support::server::Answer {
+async fn send(server: &Server, options: &str, kind: &str, encoding: Option<&str>, body: Vec<u8>) -> Answer {
     let mut request = server.request(Method::POST, &format!("{PATH}{options}")).header("content-type", kind);
     if let Some(encoding) = encoding {
         request = request.header("content-encoding", encoding);

@@ -1,8 +1,8 @@
 use reqwest::Method;
 use serde_json::json;
 
-use crate::support::Server;
 use crate::support::events::events;
+use crate::support::server::Server;
 
 #[tokio::test]
 async fn versions_are_listed_with_their_lineage_and_evaluated_on_every_regime() {
@@ -50,7 +50,9 @@ async fn only_the_note_of_a_version_changes() {
 async fn a_regime_without_test_events_is_zero_events_and_nulls() {
     let server = Server::start().await;
     let mut events = events("e", 8, 10.0);
-    events.iter_mut().for_each(|event| event["split"] = json!("train"));
+    for event in &mut events {
+        event["split"] = json!("train");
+    }
     server.learn("default", "fast", &events).await;
     let evaluation = server.get("/v1/models/default/versions/1/evaluation").await.expect(200);
     assert_eq!((&evaluation["tasks"][0]["events"], &evaluation["tasks"][0]["spacing_mse"]), (&json!(0), &json!(null)));

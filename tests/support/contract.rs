@@ -14,12 +14,12 @@ static DOCUMENT: LazyLock<Value> = LazyLock::new(|| {
 /// Validators by (path, method, status, content type), made once.
 static VALIDATORS: LazyLock<Mutex<BTreeMap<String, &'static Validator>>> = LazyLock::new(Mutex::default);
 
-pub fn document() -> &'static Value {
+pub(crate) fn document() -> &'static Value {
     &DOCUMENT
 }
 
 /// Panics unless the contract has this path, method, status and content type, and the body fits the schema.
-pub fn check(method: &str, path: &str, status: u16, content_type: &str, body: &str) {
+pub(crate) fn check(method: &str, path: &str, status: u16, content_type: &str, body: &str) {
     let told = || format!("{method} {path} answered {status} {content_type}: {body}");
     let Some((template, item)) = find_path(path) else {
         assert_eq!(status, 404, "the contract has no such path: {}", told());
@@ -71,14 +71,14 @@ fn compile(schema: &Value) -> Validator {
 }
 
 /// Panics unless `value` fits the schema of this name.
-pub fn check_schema(name: &str, value: &Value) {
+pub(crate) fn check_schema(name: &str, value: &Value) {
     let schema = json!({"$ref": format!("#/components/schemas/{name}")});
     let errors: Vec<_> = validator(name, &schema).iter_errors(value).map(|e| e.to_string()).collect();
     assert!(errors.is_empty(), "{value} breaks the contract: {errors:#?}");
 }
 
 /// Every example of the contract beside its schema.
-pub fn examples() -> Vec<(String, Value, Value)> {
+pub(crate) fn examples() -> Vec<(String, Value, Value)> {
     let mut found = Vec::new();
     collect("", &DOCUMENT, &mut found);
     found
@@ -90,17 +90,21 @@ fn collect(at: &str, value: &Value, found: &mut Vec<(String, Value, Value)>) {
             if let (Some(schema), Some(example)) = (members.get("schema"), members.get("example")) {
                 found.push((at.to_owned(), schema.clone(), example.clone()));
             }
-            members.iter().for_each(|(name, member)| collect(&format!("{at}/{name}"), member, found));
+            for (name, member) in members {
+                collect(&format!("{at}/{name}"), member, found);
+            }
         }
         Value::Array(items) => {
-            items.iter().enumerate().for_each(|(i, item)| collect(&format!("{at}/{i}"), item, found))
+            for (i, item) in items.iter().enumerate() {
+                collect(&format!("{at}/{i}"), item, found);
+            }
         }
         _ => {}
     }
 }
 
 /// What is wrong with an example.
-pub fn defects(schema: &Value, example: &Value) -> Vec<String> {
+pub(crate) fn defects(schema: &Value, example: &Value) -> Vec<String> {
     compile(schema).iter_errors(example).map(|e| e.to_string()).collect()
 }
 

@@ -3,12 +3,12 @@
 use serde_json::{Value, json};
 
 /// `count` events around `speed` m/s, told apart by `kind` and number; all for training but every fourth, for tests.
-pub fn events(kind: &str, count: usize, speed: f64) -> Vec<Value> {
+pub(crate) fn events(kind: &str, count: usize, speed: f64) -> Vec<Value> {
     (0..count).map(|i| event(&format!("{kind}-{i}"), speed, if i % 4 == 3 { "test" } else { "train" })).collect()
 }
 
 /// One event of 40 steps at 10 Hz. Of another name, it has other content.
-pub fn event(name: &str, speed: f64, split: &str) -> Value {
+pub(crate) fn event(name: &str, speed: f64, split: &str) -> Value {
     const STEPS: usize = 40;
     const DT_S: f64 = 0.1;
     let phase = phase(name);
@@ -38,7 +38,7 @@ fn phase(name: &str) -> f64 {
 }
 
 /// A window of `steps` steps.
-pub fn window(steps: usize, speed: f64) -> Value {
+pub(crate) fn window(steps: usize, speed: f64) -> Value {
     json!({
         "follower_speed_mps": vec![speed; steps],
         "leader_speed_mps": vec![speed; steps],

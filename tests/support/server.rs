@@ -32,7 +32,7 @@ filter = "warn"
 "#;
 
 /// A running server.
-pub struct Server {
+pub(crate) struct Server {
     pub url: String,
     client: reqwest::Client,
     stop: Option<oneshot::Sender<()>>,
@@ -43,7 +43,7 @@ pub struct Server {
 
 /// An answer that kept to the contract.
 #[derive(Debug, Clone)]
-pub struct Answer {
+pub(crate) struct Answer {
     pub status: u16,
     pub headers: HeaderMap,
     pub text: String,
@@ -54,20 +54,20 @@ pub struct Answer {
 impl Answer {
     /// This answer, when its status is `status`.
     #[track_caller]
-    pub fn expect(self, status: u16) -> Self {
+    pub(crate) fn expect(self, status: u16) -> Self {
         assert_eq!(self.status, status, "{}", self.text);
         self
     }
 
     /// This answer, when it is a problem with this status and code.
     #[track_caller]
-    pub fn expect_problem(self, status: u16, code: &str) -> Self {
+    pub(crate) fn expect_problem(self, status: u16, code: &str) -> Self {
         let answer = self.expect(status);
         assert_eq!(answer.body["code"], code, "{}", answer.text);
         answer
     }
 
-    pub fn header(&self, name: &str) -> &str {
+    pub(crate) fn header(&self, name: &str) -> &str {
         self.headers.get(name).map_or("", |value| value.to_str().unwrap())
     }
 }
@@ -81,12 +81,12 @@ impl std::ops::Index<&str> for Answer {
 
 impl Server {
     /// A new server with the settings of tests.
-    pub async fn start() -> Self {
+    pub(crate) async fn start() -> Self {
         Self::start_with("").await
     }
 
     /// A new server with further settings, as TOML.
-    pub async fn start_with(settings: &str) -> Self {
+    pub(crate) async fn start_with(settings: &str) -> Self {
         Self::start_in(tempfile::tempdir().unwrap(), settings).await
     }
 
@@ -119,43 +119,43 @@ impl Server {
     }
 
     /// Tells the server to stop and waits until it has.
-    pub async fn stop(mut self) -> TempDir {
+    pub(crate) async fn stop(mut self) -> TempDir {
         self.tell_to_stop();
         self.serving.await.unwrap().unwrap();
         self.directory
     }
 
     /// Tells the server to stop.
-    pub fn tell_to_stop(&mut self) {
+    pub(crate) fn tell_to_stop(&mut self) {
         if let Some(stop) = self.stop.take() {
             let _ = stop.send(());
         }
     }
 
     /// Stops and starts again on the same database.
-    pub async fn restart(self) -> Self {
+    pub(crate) async fn restart(self) -> Self {
         let settings = self.settings.clone();
         Self::start_in(self.stop().await, &settings).await
     }
 
-    pub fn request(&self, method: Method, path: &str) -> RequestBuilder {
+    pub(crate) fn request(&self, method: Method, path: &str) -> RequestBuilder {
         self.client.request(method, format!("{}{path}", self.url))
     }
 
-    pub async fn get(&self, path: &str) -> Answer {
+    pub(crate) async fn get(&self, path: &str) -> Answer {
         self.send(self.request(Method::GET, path)).await
     }
 
-    pub async fn post(&self, path: &str, body: &Value) -> Answer {
+    pub(crate) async fn post(&self, path: &str, body: &Value) -> Answer {
         self.send(self.request(Method::POST, path).json(body)).await
     }
 
-    pub async fn post_with_key(&self, path: &str, key: &str, body: &Value) -> Answer {
+    pub(crate) async fn post_with_key(&self, path: &str, key: &str, body: &Value) -> Answer {
         self.send(self.request(Method::POST, path).header("idempotency-key", key).json(body)).await
     }
 
     /// Sends a request and holds the answer to the contract.
-    pub async fn send(&self, request: RequestBuilder) -> Answer {
+    pub(crate) async fn send(&self, request: RequestBuilder) -> Answer {
         let request = request.build().unwrap();
         let (method, path) = (request.method().to_string(), request.url().path().to_owned());
         let response = self.client.execute(request).await.unwrap();
@@ -169,12 +169,12 @@ impl Server {
     }
 
     /// Uploads events as JSON and returns the answer.
-    pub async fn upload(&self, model: &str, options: &str, events: &[Value]) -> Answer {
+    pub(crate) async fn upload(&self, model: &str, options: &str, events: &[Value]) -> Answer {
         self.post(&format!("/v1/models/{model}/batches{options}"), &serde_json::json!({"events": events})).await
     }
 
     /// The task at a final state.
-    pub async fn end_of(&self, model: &str, task_id: &str) -> Answer {
+    pub(crate) async fn end_of(&self, model: &str, task_id: &str) -> Answer {
         loop {
             let task = self.get(&format!("/v1/models/{model}/tasks/{task_id}?wait_s=60")).await.expect(200);
             if !matches!(task["state"].as_str().unwrap(), "queued" | "running") {
@@ -184,7 +184,7 @@ impl Server {
     }
 
     /// Uploads these events under `regime`, learns them, and gives the version.
-    pub async fn learn(&self, model: &str, regime: &str, events: &[Value]) -> i64 {
+    pub(crate) async fn learn(&self, model: &str, regime: &str, events: &[Value]) -> i64 {
         self.upload(model, &format!("?regime={regime}"), events).await.expect(201);
         let wish = serde_json::json!({"batches": "pending", "regime": regime});
         let task = self.post(&format!("/v1/models/{model}/tasks"), &wish).await.expect(202);

@@ -17,9 +17,7 @@ use crate::formats::{Format, RawEvent};
 pub(crate) fn encode(events: &[RawEvent], format: Format) -> Vec<u8> {
     match format {
         Format::Json => json!({"events": events.iter().map(json_event).collect::<Vec<_>>()}).to_string().into_bytes(),
-        Format::Ndjson => {
-            events.iter().map(|event| format!("{}\n", json_event(event))).collect::<String>().into_bytes()
-        }
+        Format::Ndjson => events.iter().flat_map(|event| format!("{}\n", json_event(event)).into_bytes()).collect(),
         Format::Csv => csv(events),
         Format::Parquet => parquet(events),
     }
