@@ -1,5 +1,8 @@
-//! The command line. One file per subcommand; without one, `headway` serves.
+//! The command line. One module per subcommand; without one, `headway` serves.
 
+/// The whole main job, shown.
+mod demo;
+/// The server.
 mod serve;
 
 use clap::{Parser, Subcommand};
@@ -18,6 +21,8 @@ struct Arguments {
 enum Command {
     /// Run the server (what `headway` without a subcommand does).
     Serve(serve::ServeArguments),
+    /// Show the whole job: upload, learn in turn, compare, predict, roll back.
+    Demo(demo::DemoArguments),
 }
 
 /// Reads the command line and does what it says.
@@ -28,5 +33,6 @@ pub fn run() -> anyhow::Result<()> {
     let arguments = Arguments::parse();
     match arguments.command.unwrap_or(Command::Serve(arguments.serve)) {
         Command::Serve(arguments) => serve::run(&arguments),
+        Command::Demo(arguments) => demo::run(&arguments),
     }
 }
