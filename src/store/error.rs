@@ -22,6 +22,9 @@ pub enum StoreError {
     /// A migration failed, or the database is newer than this program.
     #[error("cannot bring the database to this release's schema: {0}")]
     Migrate(#[from] sqlx::migrate::MigrateError),
+    /// The writer was taken for too long.
+    #[error("other changes of the database took longer than database.writer_wait_s")]
+    Busy,
     /// `SQLite` said no.
     #[error("database: {0}")]
     Sql(#[from] sqlx::Error),

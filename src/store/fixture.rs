@@ -38,6 +38,7 @@ impl Fixture {
             path: directory.path().join("headway.db"),
             readers: 2,
             busy_timeout_s: 5.0,
+            writer_wait_s: 5.0,
             statement_cache: 64,
         }
     }

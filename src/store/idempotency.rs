@@ -110,6 +110,7 @@ mod tests {
             path: directory.path().join("headway.db"),
             readers: 1,
             busy_timeout_s: 5.0,
+            writer_wait_s: 5.0,
             statement_cache: 16,
         })
         .await

@@ -1,5 +1,6 @@
 //! The events behind a task, a line and a test reservoir.
 
+use futures_util::{Stream, StreamExt, TryStreamExt};
 use sqlx::sqlite::SqliteRow;
 use sqlx::{Row, query};
 
@@ -25,6 +26,11 @@ fn event_from(row: &SqliteRow) -> Result<LedgerEvent, StoreError> {
     Ok(LedgerEvent { event_id, sha256: digest(row, "content_sha256")?, event })
 }
 
+/// Row by row: all rows and all events at once would be twice the memory.
+async fn events_from(rows: impl Stream<Item = Result<SqliteRow, sqlx::Error>>) -> Result<Vec<LedgerEvent>, StoreError> {
+    rows.map(|row| event_from(&row?)).try_collect().await
+}
+
 impl Store {
     /// The training events of a task's ledger, in order of their digests.
     ///
@@ -36,9 +42,8 @@ impl Store {
              where te.task_id = ? and e.split = 'train' order by e.content_sha256",
         )
         .bind(task_id)
-        .fetch_all(&self.readers)
-        .await?;
-        rows.iter().map(event_from).collect()
+        .fetch(&self.readers);
+        events_from(rows).await
     }
 
     /// The training events of a task's ledger and of the tasks behind `parent` and its parents, each once, in order of
@@ -70,9 +75,8 @@ impl Store {
         .bind(model_id)
         .bind(parent)
         .bind(task_id)
-        .fetch_all(&self.readers)
-        .await?;
-        rows.iter().map(event_from).collect()
+        .fetch(&self.readers);
+        events_from(rows).await
     }
 
     /// The test events of a reservoir, if there is one yet, after a task: the `limit` of least digest among the old ones
@@ -103,9 +107,8 @@ impl Store {
         .bind(stored_ids(&old))
         .bind(task_id)
         .bind(limit)
-        .fetch_all(&self.readers)
-        .await?;
-        rows.iter().map(event_from).collect()
+        .fetch(&self.readers);
+        events_from(rows).await
     }
 
     /// The test events of a reservoir, in order of their digests.
@@ -119,9 +122,8 @@ impl Store {
              where event_id in (select value from json_each(?)) order by content_sha256",
         )
         .bind(stored_ids(&ids))
-        .fetch_all(&self.readers)
-        .await?;
-        rows.iter().map(event_from).collect()
+        .fetch(&self.readers);
+        events_from(rows).await
     }
 
     async fn reservoir_ids(&self, reservoir_id: i64) -> Result<Vec<i64>, StoreError> {

@@ -76,8 +76,11 @@ impl Store {
             .foreign_keys(true)
             .busy_timeout(std::time::Duration::from_secs_f64(settings.busy_timeout_s))
             .statement_cache_capacity(settings.statement_cache);
-        let writer =
-            SqlitePoolOptions::new().max_connections(1).connect_with(options.clone().create_if_missing(true)).await?;
+        let writer = SqlitePoolOptions::new()
+            .max_connections(1)
+            .acquire_timeout(std::time::Duration::from_secs_f64(settings.writer_wait_s))
+            .connect_with(options.clone().create_if_missing(true))
+            .await?;
         sqlx::migrate!("./migrations").run(&writer).await?;
         let readers = SqlitePoolOptions::new()
             .max_connections(settings.readers)
@@ -89,9 +92,12 @@ impl Store {
     /// Waits for the writer and begins a write transaction.
     ///
     /// # Errors
-    /// When the database cannot be written.
+    /// When the database cannot be written, or other changes take longer than `writer_wait_s`.
     pub async fn begin(&self) -> Result<WriteTransaction, StoreError> {
-        Ok(self.writer.begin_with("begin immediate").await?)
+        self.writer.begin_with("begin immediate").await.map_err(|error| match error {
+            sqlx::Error::PoolTimedOut => StoreError::Busy,
+            error => error.into(),
+        })
     }
 
     /// Closes every connection; the write-ahead log is folded back into the database.
@@ -110,5 +116,27 @@ fn lock(path: &Path) -> Result<File, StoreError> {
         Ok(()) => Ok(file),
         Err(std::fs::TryLockError::WouldBlock) => Err(StoreError::Owned { path: path.to_owned() }),
         Err(std::fs::TryLockError::Error(source)) => Err(unlockable(source)),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[tokio::test]
+    async fn a_change_waits_for_the_writer_and_is_told_when_that_takes_too_long() {
+        let directory = tempfile::tempdir().unwrap();
+        let settings = StoreSettings {
+            path: directory.path().join("headway.db"),
+            readers: 1,
+            busy_timeout_s: 5.0,
+            writer_wait_s: 0.5,
+            statement_cache: 16,
+        };
+        let store = Store::open(&settings).await.unwrap();
+        let writing = store.begin().await.unwrap();
+        assert!(matches!(store.begin().await, Err(StoreError::Busy)));
+        drop(writing);
+        store.begin().await.unwrap();
     }
 }

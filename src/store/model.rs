@@ -146,6 +146,7 @@ mod tests {
             path: directory.path().join("headway.db"),
             readers: 2,
             busy_timeout_s: 5.0,
+            writer_wait_s: 5.0,
             statement_cache: 16,
         };
         Store::open(&settings).await.unwrap()

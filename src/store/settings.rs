@@ -14,6 +14,8 @@ pub struct StoreSettings {
     pub readers: u32,
     /// How long a connection waits for a lock, s.
     pub busy_timeout_s: f64,
+    /// How long a change waits for the one connection that writes, s.
+    pub writer_wait_s: f64,
     /// Prepared statements kept per connection.
     pub statement_cache: usize,
 }
