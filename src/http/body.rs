@@ -13,6 +13,7 @@ use serde::de::DeserializeOwned;
 use sha2::{Digest, Sha256};
 
 use super::AppState;
+use super::object::Object;
 use super::problem::{Code, InputError, Problem};
 
 /// A JSON body, read and understood.
@@ -104,7 +105,7 @@ async fn parse_somewhere<T: DeserializeOwned + Send + 'static>(bytes: Vec<u8>) -
 
 fn parse<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, Problem> {
     let mut deserializer = serde_json::Deserializer::from_slice(bytes);
-    let value = serde_path_to_error::deserialize(&mut deserializer).map_err(|e| {
+    let Object(value) = serde_path_to_error::deserialize(&mut deserializer).map_err(|e| {
         let pointer = pointer(e.path());
         refusal(&e.into_inner(), pointer)
     })?;
@@ -156,6 +157,7 @@ mod tests {
         assert_eq!(code(r#"{"windows": []} x"#), Code::MalformedJson);
         assert_eq!(code(r#"{"windows": [[NaN]]}"#), Code::MalformedJson);
         assert_eq!(code(r#"{"windows": [], "more": 1}"#), Code::InvalidBody);
+        assert_eq!(code("[[]]"), Code::InvalidBody);
         let context = super::super::context::RequestContext { request_id: String::new(), path: String::new() };
         for wrong in [r#"{"windows": [[1], [2, "x"]]}"#, r#"{"windows": [[1], [2, -1e999]]}"#] {
             let problem = parse::<Example>(wrong.as_bytes()).unwrap_err();

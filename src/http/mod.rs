@@ -18,6 +18,8 @@ mod health;
 mod idempotency;
 /// `/v1/models` and what holds a model's training.
 mod models;
+/// JSON objects, where no array will do.
+mod object;
 /// Names and ids in paths.
 mod path;
 /// Predictions and simulations.

@@ -9,6 +9,7 @@ use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 use super::AppState;
 use super::answer::Answer;
 use super::body::JsonBody;
+use super::object::Object;
 use super::path::ModelAt;
 use super::problem::{Code, InputError, Problem};
 use super::versions;
@@ -32,7 +33,7 @@ struct WindowBody {
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct PredictBody {
-    windows: Vec<WindowBody>,
+    windows: Vec<Object<WindowBody>>,
     version: Option<i64>,
 }
 
@@ -40,7 +41,7 @@ pub(super) struct PredictBody {
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct SimulateBody {
-    initial: WindowBody,
+    initial: Object<WindowBody>,
     leader_speed_mps: Vec<f64>,
     version: Option<i64>,
 }
@@ -138,12 +139,12 @@ pub(super) async fn predict(
     let _slot = slot(&app.prediction_slots)?;
     let loaded = app.predictor.version(model.model_id, body.version).await.map_err(|e| refusal(&model, e))?;
     let mut defects = Defects { most: app.settings.errors_max, found: Vec::new() };
-    for (at, window) in body.windows.iter().enumerate() {
+    for (at, Object(window)) in body.windows.iter().enumerate() {
         defects.window(&format!("/windows/{at}"), window, loaded.horizon());
     }
     defects.refuse("a window cannot be read")?;
     let version = loaded.version();
-    let windows: Vec<Window> = body.windows.into_iter().map(Window::from).collect();
+    let windows: Vec<Window> = body.windows.into_iter().map(|Object(window)| window.into()).collect();
     let count = windows.len();
     let predictions = app.predictor.predict(loaded, windows).await.map_err(|e| refusal(&model, e))?;
     if predictions.iter().any(|p| !p.accel_mps2.is_finite() || !p.raw_accel_mps2.is_finite()) {
@@ -166,11 +167,11 @@ pub(super) async fn simulate(
     let _slot = slot(&app.prediction_slots)?;
     let loaded = app.predictor.version(model.model_id, body.version).await.map_err(|e| refusal(&model, e))?;
     let mut defects = Defects { most: app.settings.errors_max, found: Vec::new() };
-    defects.window("/initial", &body.initial, loaded.horizon());
+    defects.window("/initial", &body.initial.0, loaded.horizon());
     defects.numbers("/leader_speed_mps", &body.leader_speed_mps);
     defects.refuse("the simulation cannot begin")?;
     let version = loaded.version();
-    let drive = app.predictor.simulate(loaded, body.initial.into(), narrowed(&body.leader_speed_mps)).await;
+    let drive = app.predictor.simulate(loaded, body.initial.0.into(), narrowed(&body.leader_speed_mps)).await;
     let drive = drive.map_err(|e| refusal(&model, e))?;
     let arrays = [&drive.spacing_m, &drive.follower_speed_mps, &drive.accel_mps2];
     if arrays.into_iter().flatten().any(|value| !value.is_finite()) {

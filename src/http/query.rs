@@ -21,8 +21,15 @@ impl<T: DeserializeOwned> FromRequestParts<Arc<AppState>> for Query<T> {
     async fn from_request_parts(parts: &mut Parts, _: &Arc<AppState>) -> Result<Self, Problem> {
         axum::extract::Query::<T>::try_from_uri(&parts.uri)
             .map(|axum::extract::Query(value)| Self(value))
-            .map_err(|e| Code::InvalidQuery.because(e.body_text()))
+            .map_err(|e| refusal(&e.body_text()))
     }
+}
+
+/// Names the parameter, which axum puts before the reason.
+fn refusal(text: &str) -> Problem {
+    let detail = text.strip_prefix("Failed to deserialize query string: ").unwrap_or(text).to_owned();
+    let error = detail.split_once(": ").map(|(name, why)| InputError::parameter(name, "invalid_value", why));
+    Code::InvalidQuery.because(detail).with_errors(error.into_iter().collect())
 }
 
 /// A page of a list: what comes after a key.

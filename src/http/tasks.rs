@@ -15,6 +15,7 @@ use super::AppState;
 use super::answer::Answer;
 use super::body::JsonBody;
 use super::idempotency::Repeatable;
+use super::object::Object;
 use super::path::{ModelAt, TaskAt, batch_id, parse_id, task_id};
 use super::problem::{Code, InputError, Problem};
 use super::query::{Page, Query};
@@ -29,7 +30,7 @@ pub(super) struct NewTask {
     batches: Batches,
     regime: Option<RegimeName>,
     #[serde(rename = "where")]
-    only: Option<Only>,
+    only: Option<Object<Only>>,
     #[serde(default)]
     settings: Value,
 }
@@ -125,7 +126,7 @@ fn wish(model: &Model, new: NewTask) -> Result<TaskRequest, Problem> {
         Batches::Pending(Pending::Pending) => Selection::Pending { regime: new.regime },
         Batches::Named(ids) => Selection::Batches { batches: rows(&ids)?, regime: new.regime },
     };
-    let mean_speed_mps = new.only.map(|only| only.mean_speed_mps);
+    let mean_speed_mps = new.only.map(|Object(only)| only.mean_speed_mps);
     if mean_speed_mps.is_some_and(|[low, high]| low > high) {
         let error = InputError::at("/where/mean_speed_mps", "out_of_range", "[low, high] with low <= high is needed");
         return Err(Code::InvalidBody.because("no speed lies in this band").with_error(error));
@@ -229,7 +230,7 @@ pub(super) async fn cancel(
     match task::cancel(&mut tx, model.model_id, task, Timestamp::now()).await? {
         Cancelled::AtOnce | Cancelled::Requested => {}
         Cancelled::AlreadyEnded(state) => {
-            return Err(Code::TaskEnded.because(format!("{} has {}", task_id(task), state.as_str())));
+            return Err(Code::TaskEnded.because(format!("{} has ended: {}", task_id(task), state.as_str())));
         }
         Cancelled::Unknown => return find(&app, &model, task).await.map(|_| unreachable!("it is unknown")),
     }

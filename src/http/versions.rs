@@ -23,6 +23,8 @@ const MAX_NOTE_BYTES: usize = 4096;
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Note {
+    /// Null removes it. Named as its own deserializer, it must be there.
+    #[serde(deserialize_with = "Option::deserialize")]
     note: Option<String>,
 }
 

@@ -6,7 +6,7 @@ use super::RegimeName;
 
 /// A model's rule for the regime of an event: the wire's `regimes`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(untagged)]
+#[serde(untagged, expecting = "\"label\" or {by: \"mean_speed_mps\", edges, names} is needed")]
 pub enum RegimeRule {
     /// The upload's `regime`, else `default`.
     Label(LabelRule),
@@ -85,7 +85,7 @@ impl RegimeRule {
 
 /// When pending events of a regime become a task by themselves: the wire's `schedule`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(untagged)]
+#[serde(untagged, expecting = "\"manual\" or {min_events, max_wait_s} is needed")]
 pub enum Schedule {
     /// Only on request.
     Manual(ManualSchedule),
