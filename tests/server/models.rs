@@ -38,6 +38,9 @@ async fn a_bad_setting_is_pointed_at() {
     let create = |settings| json!({"model": "a", "method": "ewc", "settings": settings});
     let unknown = server.post("/v1/models", &create(json!({"hiden": 3}))).await.expect_problem(422, "invalid_settings");
     assert_eq!(unknown["errors"][0]["pointer"], "/settings/hiden");
+    let half = server.post("/v1/models", &create(json!({"schedule": {"min_events": 3}}))).await;
+    let half = half.expect_problem(422, "invalid_settings");
+    assert!(half["detail"].as_str().unwrap().contains("max_wait_s"), "{}", half.text);
     let later = server.post("/v1/models", &create(json!({"memory": "carried"}))).await;
     assert_eq!(later.expect_problem(501, "not_available")["errors"][0]["pointer"], "/settings/memory");
     server.post("/v1/models", &create(json!([]))).await.expect_problem(422, "invalid_settings");

@@ -37,6 +37,8 @@ async fn bodies_are_refused_for_what_is_wrong_with_them() {
     assert_eq!(wrong.expect_problem(422, "invalid_body")["errors"][0]["pointer"], "/method");
     let name = post("application/json", r#"{"model": "a b", "method": "ewc"}"#).await;
     assert_eq!(name.expect_problem(422, "invalid_body")["errors"][0]["pointer"], "/model");
+    let array = post("application/json", r#"["a", "ewc"]"#).await.expect_problem(422, "invalid_body");
+    assert_eq!(array["errors"][0]["pointer"], "");
     let bare = server.send(server.request(Method::POST, "/v1/models").body("{}")).await;
     bare.expect_problem(415, "unsupported_media_type");
     server.stop().await;
@@ -78,7 +80,8 @@ async fn a_request_keeps_the_id_it_brought() {
 async fn the_query_is_refused_when_it_is_not_understood() {
     let server = Server::start().await;
     for query in ["page_size=0", "page_size=x", "page_token=zz", "page=1"] {
-        server.get(&format!("/v1/models?{query}")).await.expect_problem(422, "invalid_query");
+        let answer = server.get(&format!("/v1/models?{query}")).await.expect_problem(422, "invalid_query");
+        assert_eq!(answer["errors"][0]["parameter"], query.split_once('=').unwrap().0);
     }
     server.stop().await;
 }

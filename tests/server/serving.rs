@@ -47,16 +47,22 @@ async fn promote_moves_live_and_rollback_moves_head_too() {
 #[tokio::test]
 async fn after_a_rollback_abandoned_events_are_set_aside_and_learning_is_as_if_they_had_never_been() {
     let server = two_versions().await;
+    assert_eq!(server.learn("default", "wet", &events("h", 12, 9.0)).await, 3);
     server.post(ROLLBACK, &json!({"version": 1, "reason": "undo"})).await.expect(200);
-    assert_eq!(server.get("/v1/models/default/batches/b2").await["events"]["set_aside"], 12);
-    let third = events("g", 12, 11.0);
-    assert_eq!(server.learn("default", "middle", &third).await, 3);
+    for batch in ["b2", "b3"] {
+        assert_eq!(server.get(&format!("/v1/models/default/batches/{batch}")).await["events"]["set_aside"], 12);
+    }
+    let fourth = events("g", 12, 11.0);
+    assert_eq!(server.learn("default", "middle", &fourth).await, 4);
     server.post("/v1/models", &json!({"model": "twin", "method": "ewc"})).await.expect(201);
     server.learn("twin", "fast", &events("e", 12, 16.0)).await;
-    assert_eq!(server.learn("twin", "middle", &third).await, 2);
-    let (here, there) =
-        (server.get("/v1/models/default/versions/3").await, server.get("/v1/models/twin/versions/2").await);
+    assert_eq!(server.learn("twin", "middle", &fourth).await, 2);
+    let here = server.get("/v1/models/default/versions/4").await;
+    let there = server.get("/v1/models/twin/versions/2").await;
     assert_eq!((&here["weights_sha256"], &here["stage"]), (&there["weights_sha256"], &json!(2)));
+    let here = server.get("/v1/models/default/versions/4/evaluation").await;
+    let there = server.get("/v1/models/twin/versions/2/evaluation").await;
+    assert_eq!(here["measures"], there["measures"]);
     server.stop().await;
 }
 
@@ -82,6 +88,9 @@ async fn if_match_guards_a_move() {
     let moved = server.send(promote(&etag)).await.expect(200);
     assert_ne!(moved.header("etag"), etag);
     server.send(promote(&etag)).await.expect_problem(412, "precondition_failed");
+    let rollback =
+        server.request(Method::POST, ROLLBACK).header("if-match", &etag).json(&json!({"version": 1, "reason": "late"}));
+    server.send(rollback).await.expect_problem(412, "precondition_failed");
     server.send(promote(moved.header("etag"))).await.expect(200);
     server.stop().await;
 }
@@ -96,5 +105,37 @@ async fn a_move_needs_a_reason_and_is_made_once_per_key() {
     let first = server.post_with_key(ROLLBACK, "k", &undo).await.expect(200);
     assert_eq!(server.post_with_key(ROLLBACK, "k", &undo).await.expect(200).text, first.text);
     assert_eq!(pointers(&server).await, (json!(1), json!(1)));
+    server.stop().await;
+}
+
+#[tokio::test]
+async fn a_version_that_is_worse_is_kept_with_the_reason_and_learning_goes_on_from_it() {
+    let server = Server::start_with("[model]\npromotion = \"gated\"\nepochs = 60").await;
+    server.post("/v1/models", &json!({"model": "m", "method": "naive"})).await.expect(201);
+    server.learn("m", "fast", &events("e", 12, 16.0)).await;
+    server.upload("m", "?regime=slow", &events("f", 12, 3.0)).await.expect(201);
+    // So quick that what was known is lost.
+    let quick = json!({"batches": "pending", "settings": {"learning_rate": 0.02}});
+    server.post("/v1/models/m/tasks", &quick).await.expect(202);
+    let ended = server.end_of("m", "t2").await;
+    assert_eq!(ended["state"], "succeeded", "{}", ended.text);
+    let model = server.get("/v1/models/m").await.expect(200);
+    assert_eq!((&model["live"], &model["head"]), (&json!(1), &json!(2)));
+    let promotion = server.get("/v1/models/m/versions/2").await.expect(200)["promotion"].clone();
+    assert_eq!((&promotion["policy"], &promotion["decision"]), (&json!("gated"), &json!("kept")));
+    assert!(promotion["reason"].as_str().unwrap().contains("fast"), "{promotion}");
+    server.post("/v1/models/m/promote", &json!({"version": 2, "reason": "all the same"})).await.expect(200);
+    server.stop().await;
+}
+
+#[tokio::test]
+async fn with_a_manual_policy_nothing_serves_until_it_is_promoted() {
+    let server = Server::start_with("[model]\npromotion = \"manual\"").await;
+    server.learn("default", "fast", &events("e", 12, 16.0)).await;
+    assert_eq!(pointers(&server).await, (json!(null), json!(1)));
+    let windows = json!({"windows": [crate::support::events::window(5, 10.0)]});
+    server.post("/v1/models/default/predict", &windows).await.expect_problem(409, "no_live_version");
+    server.post(PROMOTE, &json!({"version": 1, "reason": "looked at it"})).await.expect(200);
+    assert_eq!(served_version(&server).await, 1);
     server.stop().await;
 }

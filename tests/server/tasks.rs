@@ -181,3 +181,74 @@ async fn progress_is_streamed_until_the_end() {
     assert!(progress.is_sorted_by_key(|p| p["update"].as_u64()));
     server.stop().await;
 }
+
+#[tokio::test]
+async fn a_task_takes_only_events_of_the_speeds_it_names() {
+    let server = Server::start().await;
+    let mixed = [events("e", 8, 6.0), events("f", 8, 16.0)].concat();
+    server.upload("default", "", &mixed).await.expect(201);
+    let slow = json!({"batches": "pending", "where": {"mean_speed_mps": [0.0, 10.0]}});
+    server.post(TASKS, &slow).await.expect(202);
+    assert_eq!(server.end_of("default", "t1").await["state"], "succeeded");
+    let counts = server.get("/v1/models/default/batches/b1").await["events"].clone();
+    assert_eq!((&counts["learned"], &counts["pending"]), (&json!(8), &json!(8)));
+    assert_eq!(server.get("/v1/models/default/versions/1").await["events"], 6);
+    server.stop().await;
+}
+
+#[tokio::test]
+async fn a_running_task_is_held_and_goes_on_to_the_same_bits() {
+    let server = Server::start_with("[model]\nepochs = 60").await;
+    for model in ["held", "through"] {
+        server.post("/v1/models", &json!({"model": model, "method": "ewc"})).await.expect(201);
+    }
+    server.learn("through", "fast", &events("e", 16, 12.0)).await;
+    server.upload("held", "?regime=fast", &events("e", 16, 12.0)).await.expect(201);
+    server.post("/v1/models/held/tasks", &json!({"batches": "pending"})).await.expect(202);
+    let task = "/v1/models/held/tasks/t2";
+    while server.get(task).await["progress"] == json!(0.0) {
+        tokio::task::yield_now().await;
+    }
+    server.post("/v1/models/held/pause", &json!({})).await.expect(200);
+    server.post("/v1/models/held/resume", &json!({})).await.expect(200);
+    assert_eq!(server.end_of("held", "t2").await["state"], "succeeded");
+    let held = server.get("/v1/models/held/versions/1").await.expect(200);
+    let through = server.get("/v1/models/through/versions/1").await.expect(200);
+    assert_eq!(held["weights_sha256"], through["weights_sha256"]);
+    server.stop().await;
+}
+
+#[tokio::test]
+async fn regimes_by_speed_make_a_task_for_each_band_that_is_due() {
+    let rule = "regimes = { by = \"mean_speed_mps\", edges = [9.86, 12.46], names = [\"slow\", \"middle\", \"fast\"] }";
+    let schedule = "schedule = { min_events = 8, max_wait_s = 3600 }";
+    let server = Server::start_with(&format!("[model]\n{rule}\n{schedule}")).await;
+    let mixed = [events("e", 8, 16.0), events("f", 8, 6.0), events("g", 4, 11.0)].concat();
+    let due = server.upload("default", "", &mixed).await.expect(201);
+    assert_eq!(due["summary"]["regimes"], json!({"fast": 8, "middle": 4, "slow": 8}));
+    let mut learned = Vec::new();
+    for id in due["task_ids"].as_array().unwrap() {
+        let ended = server.end_of("default", id.as_str().unwrap()).await;
+        learned.push(ended["regime"].clone());
+    }
+    assert_eq!(learned, ["fast", "slow"]);
+    assert_eq!(server.get("/v1/models/default/batches/b1").await["events"]["pending"], 4);
+    server.stop().await;
+}
+
+#[tokio::test]
+async fn training_that_diverges_fails_holds_its_events_and_leaves_no_version() {
+    let server = Server::start().await;
+    server.post("/v1/models", &json!({"model": "m", "method": "naive"})).await.expect(201);
+    server.learn("m", "fast", &events("e", 12, 16.0)).await;
+    server.upload("m", "?regime=slow", &events("f", 12, 3.0)).await.expect(201);
+    let wild = json!({"batches": "pending", "settings": {"learning_rate": 1.0, "epochs": 5}});
+    server.post("/v1/models/m/tasks", &wild).await.expect(202);
+    let ended = server.end_of("m", "t2").await;
+    assert_eq!((&ended["state"], &ended["error"]["code"]), (&json!("failed"), &json!("diverged")), "{}", ended.text);
+    assert_eq!(server.get("/v1/models/m/batches/b2").await["events"]["held"], 12);
+    let model = server.get("/v1/models/m").await.expect(200);
+    assert_eq!((&model["live"], &model["head"]), (&json!(1), &json!(1)));
+    server.post("/v1/models/m/tasks", &json!({"batches": "pending"})).await.expect_problem(409, "nothing_pending");
+    server.stop().await;
+}
