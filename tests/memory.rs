@@ -1,0 +1,143 @@
+//! How much memory the real binary takes: `VmHWM`, the most it ever had resident.
+//!
+//! Small by default. As large as promised, and with the default network:
+//! `HEADWAY_MEMORY_EVENTS=20000 HEADWAY_MEMORY_BODY_BYTES=1100000000 cargo test --release --test memory -- --nocapture --test-threads 1`.
+
+#![allow(clippy::unwrap_used, reason = "what a test expects, said in the shortest way")]
+#![allow(clippy::print_stdout, reason = "a test tells its seed and what it measured")]
+
+#[allow(dead_code, reason = "each test binary uses a part")]
+#[path = "support/process.rs"]
+mod process;
+
+use std::fmt::Write as _;
+use std::io::Write as _;
+
+use flate2::Compression;
+use flate2::write::GzEncoder;
+use process::{Home, Process};
+use reqwest::{Body, Method};
+use serde_json::{Value, json};
+
+const STEPS: u32 = 150;
+const BATCHES: &str = "/v1/models/default/batches?regime=fast";
+const MIB: u64 = 1 << 20;
+
+fn variable(name: &str) -> Option<u64> {
+    std::env::var(name).ok().map(|text| text.parse().unwrap_or_else(|_| panic!("{name}={text} is no number")))
+}
+
+/// The most memory the process had resident so far, bytes; none where the system does not say.
+fn peak(process: &Process) -> Option<u64> {
+    if !cfg!(target_os = "linux") {
+        println!("left out: only Linux has /proc/PID/status, which says how much memory a process had");
+        return None;
+    }
+    let status = std::fs::read_to_string(format!("/proc/{}/status", process.pid())).unwrap();
+    let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:")).unwrap();
+    Some(line.trim().trim_end_matches(" kB").parse::<u64>().unwrap() * 1024)
+}
+
+/// One event as a line, with the digits and blanks of Python's `json.dumps`; other numbers give other events.
+fn line(number: u64) -> String {
+    #[expect(clippy::cast_precision_loss, reason = "small")]
+    let phase = number as f64 * 0.7;
+    let wave = |step: u32, phase: f64| 14.0 + (0.1 * f64::from(step) + phase).sin();
+    let leader: Vec<f64> = (0..STEPS).map(|step| wave(step, phase)).collect();
+    let follower: Vec<f64> = (0..STEPS).map(|step| wave(step, phase - 0.6)).collect();
+    let mut spacing = vec![20.0 + phase % 3.0];
+    for (leader, follower) in leader.windows(2).zip(follower.windows(2)) {
+        let closing = f64::midpoint(leader[0], leader[1]) - f64::midpoint(follower[0], follower[1]);
+        spacing.push(spacing[spacing.len() - 1] + 0.1 * closing);
+    }
+    let mut line = format!("{{\"event_id\": \"made-up-{number}\", \"dt_s\": 0.1");
+    for (name, values) in [("spacing_m", spacing), ("follower_speed_mps", follower), ("leader_speed_mps", leader)] {
+        let digits: Vec<_> = values.iter().map(f64::to_string).collect();
+        write!(line, ", \"{name}\": [{}]", digits.join(", ")).unwrap();
+    }
+    line + "}\n"
+}
+
+/// Some lines at a time, so that the client holds nothing either.
+fn parts(first: u64, events: u64) -> impl Iterator<Item = Vec<u8>> {
+    const AT_ONCE: u64 = 50;
+    (first..first + events)
+        .step_by(50)
+        .map(move |from| (from..(from + AT_ONCE).min(first + events)).map(line).collect::<String>().into_bytes())
+}
+
+/// A gzip body may have several members.
+fn gzip(part: &[u8]) -> Vec<u8> {
+    let mut encoder = GzEncoder::new(Vec::new(), Compression::fast());
+    encoder.write_all(part).unwrap();
+    encoder.finish().unwrap()
+}
+
+async fn upload(process: &Process, encoding: &str, parts: impl Iterator<Item = Vec<u8>> + Send + 'static) -> Value {
+    let body = Body::wrap_stream(futures_util::stream::iter(parts.map(Ok::<_, std::io::Error>)));
+    let request = process.request(Method::POST, BATCHES).header("content-type", "application/x-ndjson");
+    process.send(request.header("content-encoding", encoding).body(body)).await.expect(201)
+}
+
+#[tokio::test]
+async fn uploading_events_and_training_on_them_does_not_hold_them_several_times_over() {
+    let promised = variable("HEADWAY_MEMORY_EVENTS");
+    let events = promised.unwrap_or(8000);
+    let small = ["model.hidden=6", "model.horizon=5"];
+    let network = if promised.is_some() { &[][..] } else { &small };
+    let settings = ["model.schedule=manual", "model.epochs=1", "log.filter=warn"];
+    let home = Home::new(&[&settings[..], &["training.training_threads=1"], network].concat());
+    let process = home.start();
+    let Some(idle) = peak(&process) else { return };
+    let half = events / 2;
+    let mut accepted = upload(&process, "identity", parts(0, half)).await["accepted"].as_u64().unwrap();
+    let plain = peak(&process).unwrap();
+    accepted += upload(&process, "gzip", parts(half, events - half).map(|part| gzip(&part))).await["accepted"]
+        .as_u64()
+        .unwrap();
+    assert_eq!(accepted, events);
+    let uploaded = peak(&process).unwrap();
+    process.post("/v1/models/default/tasks", &json!({"batches": "pending"})).await.expect(202);
+    let ended = process.end_of("t1").await;
+    assert_eq!(ended["state"], "succeeded", "{ended}");
+    let trained = peak(&process).unwrap();
+    println!(
+        "{events} events of {STEPS} steps: {} MiB idle, {} after the first half as plain NDJSON, {} after the second \
+         with gzip, {} after training",
+        idle / MIB,
+        plain / MIB,
+        uploaded / MIB,
+        trained / MIB
+    );
+    // Three times what is stored, and what does not grow with it: caches, and the network's states on two threads.
+    let stored = events * u64::from(STEPS) * 12;
+    let fixed = if promised.is_some() { 512 } else { 24 };
+    assert!(trained - idle < 3 * stored + fixed * MIB, "{stored} bytes of events are held several times over");
+    assert!(trained < 1024 * MIB);
+}
+
+#[tokio::test]
+async fn a_long_upload_takes_no_more_memory_than_a_short_one() {
+    let promised = variable("HEADWAY_MEMORY_BODY_BYTES");
+    let bytes = promised.unwrap_or(64 * MIB);
+    let small = ["ingest.buffer_bytes=2097152"];
+    let buffer = if promised.is_some() { &[][..] } else { &small };
+    let home = Home::new(&[&["model.schedule=manual", "log.filter=warn"][..], buffer].concat());
+    let process = home.start();
+    let Some(idle) = peak(&process) else { return };
+    let events = bytes.div_ceil(line(1000).len() as u64);
+    let began = std::time::Instant::now();
+    let answer = upload(&process, "identity", parts(0, events)).await;
+    assert_eq!(answer["accepted"], events, "{}", answer["rejected"][0]);
+    let batch = process.get("/v1/models/default/batches/b1").await;
+    let uploaded = peak(&process).unwrap();
+    println!(
+        "{} bytes in {:.1} s: {} MiB idle, {} after",
+        batch["body_bytes"],
+        began.elapsed().as_secs_f64(),
+        idle / MIB,
+        uploaded / MIB
+    );
+    let limit = if promised.is_some() { 128 * MIB } else { bytes / 3 };
+    assert!(uploaded - idle < limit, "a body of {bytes} bytes is held");
+}
