@@ -6,7 +6,7 @@ use std::fmt::Write as _;
 use std::fs;
 use std::io::{BufRead, BufReader, Read};
 use std::path::Path;
-use std::process::{Command, Output, Stdio};
+use std::process::{Child, Command, Output, Stdio};
 
 use headway::car_following::{TrafficRegime, TrafficSettings, generate};
 use serde_json::{Value, json};
@@ -98,6 +98,16 @@ fn a_reader_gets_tables_and_no_log() {
     assert!(folder.path().join("kept.db").exists());
 }
 
+/// Killed when the test does not get to its end.
+struct Running(Child);
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
 /// A POST or GET as the line says it; `sh` and `curl` need not be there.
 async fn pasted(line: &str) -> (u16, Value) {
     let url = line.split(' ').find(|part| part.starts_with("http://")).unwrap();
@@ -117,9 +127,9 @@ async fn pasted(line: &str) -> (u16, Value) {
 #[tokio::test]
 async fn the_server_goes_on_and_answers_what_the_demo_says_to_try() {
     let folder = tempfile::tempdir().unwrap();
-    let mut child =
-        demo(folder.path(), &SMALL).arg("--json").stdout(Stdio::piped()).stderr(Stdio::null()).spawn().unwrap();
-    let mut stdout = BufReader::new(child.stdout.take().unwrap());
+    let mut command = demo(folder.path(), &SMALL);
+    let mut running = Running(command.arg("--json").stdout(Stdio::piped()).stderr(Stdio::null()).spawn().unwrap());
+    let mut stdout = BufReader::new(running.0.stdout.take().unwrap());
     let mut line = String::new();
     stdout.read_line(&mut line).unwrap();
     let result: Value = serde_json::from_str(&line).unwrap();
@@ -136,9 +146,9 @@ async fn the_server_goes_on_and_answers_what_the_demo_says_to_try() {
     let last = history["history"].as_array().unwrap().last().unwrap();
     assert_eq!((&last["action"], &last["live"]), (&json!("rollback"), &json!(2)));
 
-    let pid = child.id().to_string();
+    let pid = running.0.id().to_string();
     assert!(Command::new("kill").args(["-TERM", &pid]).status().unwrap().success());
-    assert!(child.wait().unwrap().success());
+    assert!(running.0.wait().unwrap().success());
     let mut rest = String::new();
     stdout.read_to_string(&mut rest).unwrap();
     assert_eq!(rest, "");
