@@ -92,7 +92,8 @@ async fn kill_uploads(plan: &mut Plan, kills: u32, tally: &mut Tally) {
             wire.finish();
             kill_at(plan.moment(usual), &mut process, wire, &unwritten)
         };
-        let stored = stored_uploads(&home).await - uploads.len();
+        let stored = stored_uploads(&home).await.checked_sub(uploads.len());
+        let stored = stored.expect("what was answered before this upload is there");
         *match (half, stored, &answered) {
             (true, 0, _) => &mut tally.half_sent,
             (false, 0, None) => &mut tally.not_stored,
