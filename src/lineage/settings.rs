@@ -23,7 +23,7 @@ pub enum Memory {
 pub struct ModelSettings {
     /// Hidden units of the LSTM.
     pub hidden: u32,
-    /// Steps in a window.
+    /// Steps in a window, at least 2.
     pub horizon: u32,
     /// Window or carried state.
     pub memory: Memory,
@@ -174,7 +174,7 @@ impl ModelSettings {
             }
         };
         whole("hidden", self.hidden, 1, 1024)?;
-        whole("horizon", self.horizon, 1, 100)?;
+        whole("horizon", self.horizon, 2, 100)?;
         real("dt_s", self.dt_s, 0.01, 1.0)?;
         real("accel_limit_mps2", self.accel_limit_mps2, 0.5, 12.0)?;
         whole("epochs", self.epochs, 1, 1000)?;
@@ -238,6 +238,7 @@ mod tests {
             (json!({"hiden": 64}), "hiden"),
             (json!({"hidden": "many"}), "hidden"),
             (json!({"hidden": 0}), "hidden"),
+            (json!({"horizon": 1}), "horizon"),
             (json!({"learning_rate": -1.0}), "learning_rate"),
             (json!({"regimes": {"by": "mean_speed_mps", "edges": [2.0, 1.0]}}), "regimes"),
             (json!({"memory": "carried"}), "memory"),
