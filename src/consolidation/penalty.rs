@@ -55,11 +55,16 @@ impl Penalty {
         Some(Self { stiffness, center, rest })
     }
 
-    /// Mean of A over the weights, per regime kept: the scale that `strength` is measured against.
+    /// Median of A over the weights that matter at all, per regime kept: the scale that `strength` is measured against.
     #[must_use]
-    pub fn mean_stiffness(&self, regimes: usize) -> f64 {
-        let sum: f64 = self.stiffness.iter().map(|&a| f64::from(a)).sum();
-        sum / (self.stiffness.len().max(1) * regimes.max(1)) as f64
+    pub fn typical_stiffness(&self, regimes: usize) -> f64 {
+        let mut positive: Vec<f32> = self.stiffness.iter().copied().filter(|&a| a > 0.0).collect();
+        if positive.is_empty() {
+            return 0.0;
+        }
+        let middle = positive.len() / 2;
+        let (_, &mut median, _) = positive.select_nth_unstable_by(middle, f32::total_cmp);
+        f64::from(median) / regimes.max(1) as f64
     }
 
     /// Its value at `weights`, for λ = 1.

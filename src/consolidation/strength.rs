@@ -1,8 +1,8 @@
 //! From the strength a user turns to the λ of the formula.
 
-use super::{Accumulation, Method, Penalty};
+use super::{Accumulation, Method, Penalty, PenaltyStep};
 
-/// Strength where none is set; the same for generated and recorded data.
+/// Strength where none is set: what kept old traffic and learned new on generated and on recorded data alike.
 #[must_use]
 pub fn default_strength(method: Method) -> f64 {
     match method {
@@ -17,9 +17,51 @@ pub fn default_accumulation(_method: Method) -> Accumulation {
     Accumulation::Separate
 }
 
-/// λ for a strength.
+/// `λ A` of a weight of typical importance at strength 1.
+///
+/// The proximal step competes with an optimiser whose steps are about as long as the learning rate whatever the loss, so λA
+/// has the unit of 1/weight there: 15 holds a typical weight within about 1/15 of its anchor. The coupled step competes with
+/// the gradient of the loss, and needs less.
+fn typical_pull(step: PenaltyStep) -> f64 {
+    match step {
+        PenaltyStep::Proximal | PenaltyStep::Modulated => 15.0,
+        PenaltyStep::Coupled => 0.4,
+    }
+}
+
+/// λ for a strength: `strength · typical_pull / (typical A of a regime)`.
+///
+/// Importance has a scale of its own: it falls with the number of weights, grows with the acceleration limit squared, and
+/// MAS's is about the root of EWC's. Its median over the weights carries that scale; its mean does not, since half of it
+/// can sit in the head's bias alone. Dividing by it makes one strength serve both methods and networks of any size.
 #[must_use]
-pub fn lambda(strength: f64, penalty: &Penalty, regimes: usize) -> f64 {
-    let scale = penalty.mean_stiffness(regimes);
-    if scale > 0.0 { strength / scale } else { 0.0 }
+pub fn lambda(strength: f64, step: PenaltyStep, penalty: &Penalty, regimes: usize) -> f64 {
+    let typical = penalty.typical_stiffness(regimes);
+    if typical > 0.0 { strength * typical_pull(step) / typical } else { 0.0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::consolidation::RegimeMemory;
+
+    fn penalty(scale: f32) -> Penalty {
+        let importance = [0.0, 1.0, 2.0, 3.0, 1000.0].map(|x| x * scale).to_vec();
+        let memory = RegimeMemory { regime: String::new(), importance, anchor: vec![0.0; 5], samples: 1 };
+        Penalty::collapse(Method::Ewc, Accumulation::Separate, &[memory.clone(), memory], &[0.0; 5]).unwrap()
+    }
+
+    #[test]
+    fn the_pull_on_a_typical_weight_does_not_depend_on_the_scale_of_importance() {
+        for scale in [1e-9, 1.0, 1e6] {
+            let penalty = penalty(scale);
+            let pull = lambda(2.0, PenaltyStep::Proximal, &penalty, 2) * penalty.typical_stiffness(2);
+            assert!((pull - 30.0).abs() < 1e-9, "{pull}");
+        }
+    }
+
+    #[test]
+    fn without_importance_nothing_pulls() {
+        assert_eq!(lambda(1.0, PenaltyStep::Proximal, &penalty(0.0), 2), 0.0);
+    }
 }
