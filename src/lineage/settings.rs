@@ -39,10 +39,12 @@ pub struct ModelSettings {
     pub learning_rate: f64,
     /// Global norm the gradient is clipped to.
     pub clip_norm: f64,
-    /// Weight of mean relu(−spacing).
+    /// Weight of mean relu(min(margin, recorded spacing) − spacing).
     pub collision_penalty: f64,
     /// Weight of mean relu(−speed).
     pub backward_penalty: f64,
+    /// Below this and below the recorded spacing, a simulated spacing counts as a collision in the loss, m; 0 is the paper's.
+    pub collision_margin_m: f64,
     /// Consolidation strength in the unit that carries over between data; null takes the method's default.
     pub strength: Option<f64>,
     /// The formula's number; wins over `strength`.
@@ -91,6 +93,7 @@ impl Default for ModelSettings {
             clip_norm: 1.0,
             collision_penalty: 1000.0,
             backward_penalty: 1000.0,
+            collision_margin_m: 4.0,
             strength: None,
             lambda: None,
             estimator: Estimator::Exact,
@@ -183,6 +186,7 @@ impl ModelSettings {
         real("clip_norm", self.clip_norm, 1e-6, 1e9)?;
         real("collision_penalty", self.collision_penalty, 0.0, 1e9)?;
         real("backward_penalty", self.backward_penalty, 0.0, 1e9)?;
+        real("collision_margin_m", self.collision_margin_m, 0.0, 100.0)?;
         real("strength", self.strength.unwrap_or(1.0), 0.0, 1e12)?;
         real("lambda", self.lambda.unwrap_or(1.0), 0.0, 1e30)?;
         real("promotion_error_ratio", self.promotion_error_ratio, 1.0, 1e6)?;

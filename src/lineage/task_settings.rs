@@ -63,6 +63,7 @@ impl ModelSettings {
             clip_norm: self.clip_norm as f32,
             collision_penalty: self.collision_penalty as f32,
             backward_penalty: self.backward_penalty as f32,
+            collision_margin_m: self.collision_margin_m as f32,
             strength: self.strength,
             lambda: self.lambda,
             mas_output: self.mas_output,

@@ -15,9 +15,10 @@ pub(super) fn coasting_loss(events: &[&Event], shape: DriverShape, penalties: Pe
         for t in shape.horizon..event.steps() {
             let leader = 0.5 * (f64::from(event.leader_speed_mps()[t - 1]) + f64::from(event.leader_speed_mps()[t]));
             spacing += dt * (leader - speed);
-            sum += (spacing - f64::from(event.spacing_m()[t])).powi(2);
+            let recorded = f64::from(event.spacing_m()[t]);
+            sum += (spacing - recorded).powi(2);
             sum += (speed - f64::from(event.follower_speed_mps()[t])).powi(2);
-            sum += penalties.collision * (-spacing).max(0.0);
+            sum += penalties.collision * penalties.intrusion_m(spacing, recorded);
             steps += 1;
         }
     }
@@ -32,7 +33,7 @@ mod tests {
     fn coasting_behind_a_coasting_leader_costs_nothing() {
         let event = Event::new(0.1, vec![20.0; 30], vec![8.0; 30], vec![8.0; 30]);
         let shape = DriverShape { hidden: 1, horizon: 10, dt_s: 0.1, accel_limit_mps2: 3.0 };
-        let penalties = Penalties { collision: 1000.0, backward: 1000.0 };
+        let penalties = Penalties { collision: 1000.0, backward: 1000.0, collision_margin_m: 4.0 };
         assert!(coasting_loss(&[&event], shape, penalties) < 1e-6);
     }
 }

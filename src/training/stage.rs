@@ -32,10 +32,12 @@ pub struct LearnSettings {
     pub learning_rate: f32,
     /// Global norm.
     pub clip_norm: f32,
-    /// Weight of mean relu(−s).
+    /// Weight of mean relu(min(margin, s*) − s).
     pub collision_penalty: f32,
     /// Weight of mean relu(−v).
     pub backward_penalty: f32,
+    /// The margin in the collision penalty, m.
+    pub collision_margin_m: f32,
     /// Null takes the method's default.
     pub strength: Option<f64>,
     /// Wins over strength.
@@ -192,8 +194,9 @@ impl<'a> Stage<'a> {
         let penalty = Penalty::collapse(input.method, accumulation, input.memory, &weights);
         let strength = input.method.consolidates().then(|| settings.strength.unwrap_or(default_strength(input.method)));
         let penalty = penalty.map(|penalty| {
-            let lambda =
-                settings.lambda.unwrap_or_else(|| lambda(strength.unwrap_or_default(), &penalty, input.memory.len()));
+            let lambda = settings.lambda.unwrap_or_else(|| {
+                lambda(strength.unwrap_or_default(), settings.penalty_step, &penalty, input.memory.len())
+            });
             (penalty, lambda)
         });
         let fingerprint = fingerprint(input, train);
@@ -326,5 +329,9 @@ impl<'a> Stage<'a> {
 }
 
 fn penalties(settings: &LearnSettings) -> Penalties {
-    Penalties { collision: settings.collision_penalty.into(), backward: settings.backward_penalty.into() }
+    Penalties {
+        collision: settings.collision_penalty.into(),
+        backward: settings.backward_penalty.into(),
+        collision_margin_m: settings.collision_margin_m.into(),
+    }
 }

@@ -86,16 +86,18 @@ fn off<T: Real>(ours: &[T], theirs: &[f32]) -> f64 {
     ours.iter().zip(theirs).map(|(a, b)| (a.wide() - f64::from(*b)).abs() / scale).fold(0.0, f64::max)
 }
 
-fn gradient_of<T: Real>(case: &Case, weights: &[f32]) -> (f64, Vec<T>) {
+fn gradient_of<T: Real>(case: &Case, weights: &[T], collision_margin_m: f64) -> (f64, Vec<T>) {
     let workers = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
     let crew = Crew::<T>::new(case.shape, &workers);
-    let weights: Vec<T> = weights.iter().map(|&w| T::of(w.into())).collect();
     let events: Vec<_> = case.events.iter().collect();
-    let penalties = Penalties { collision: 1000.0, backward: 1000.0 };
+    let penalties = Penalties { collision: 1000.0, backward: 1000.0, collision_margin_m };
     let mut gradient = vec![T::zero(); weights.len()];
-    let loss =
-        minibatch_gradient(&crew, case.shape.horizon, &case.scaling, &weights, &events, penalties, &mut gradient);
+    let loss = minibatch_gradient(&crew, case.shape.horizon, &case.scaling, weights, &events, penalties, &mut gradient);
     (loss, gradient)
+}
+
+fn wide_weights(weights: &[f32]) -> Vec<f64> {
+    weights.iter().copied().map(f64::from).collect()
 }
 
 #[test]
@@ -104,11 +106,11 @@ fn every_gradient_agrees_with_torch_at_the_same_weights() {
     let mut weights = case.golden.weights.flat();
     assert_eq!(weights.len(), Layout { hidden: case.golden.hidden }.len());
     for (update, theirs) in case.golden.updates.iter().enumerate() {
-        let (loss, gradient) = gradient_of::<f32>(&case, &weights);
+        let (loss, gradient) = gradient_of(&case, &weights, 0.0);
         let expected = theirs.gradient.flat();
         assert!((loss / theirs.loss - 1.0).abs() < 1e-5, "update {update}: loss {loss}, torch {}", theirs.loss);
         assert!(off(&gradient, &expected) < 1e-4, "update {update}: off by {}", off(&gradient, &expected));
-        let (_, wide) = gradient_of::<f64>(&case, &weights);
+        let (_, wide) = gradient_of::<f64>(&case, &wide_weights(&weights), 0.0);
         assert!(off(&wide, &expected) < 1e-4, "update {update}: f64 off by {}", off(&wide, &expected));
         weights = theirs.weights.flat();
     }
@@ -120,12 +122,36 @@ fn ten_updates_lead_where_torch_leads() {
     let mut weights = case.golden.weights.flat();
     let mut adam = Adam::new(weights.len());
     for (update, theirs) in case.golden.updates.iter().enumerate() {
-        let (loss, mut gradient) = gradient_of::<f32>(&case, &weights);
+        let (loss, mut gradient) = gradient_of(&case, &weights, 0.0);
         assert!((loss / theirs.loss - 1.0).abs() < 1e-3, "update {update}: loss {loss}, torch {}", theirs.loss);
         let norm = clip_norm(&mut gradient, case.golden.clip_norm);
         assert!((norm / theirs.norm - 1.0).abs() < 1e-2, "update {update}: norm {norm}, torch {}", theirs.norm);
         adam.step(&mut weights, &gradient, case.golden.learning_rate);
         let expected = theirs.weights.flat();
         assert!(off(&weights, &expected) < 1e-4, "update {update}: weights off by {}", off(&weights, &expected));
+    }
+}
+
+#[test]
+fn with_a_margin_too_the_gradient_is_the_derivative_of_the_loss() {
+    let case = case();
+    let mut weights = wide_weights(&case.golden.weights.flat());
+    let (plain, _) = gradient_of::<f64>(&case, &weights, 0.0);
+    let (loss, gradient) = gradient_of::<f64>(&case, &weights, 4.0);
+    assert!(loss > plain, "the case comes close enough for the margin to matter");
+    for i in 0..weights.len() {
+        let (kept, h) = (weights[i], 1e-6);
+        weights[i] = kept + h;
+        let (up, _) = gradient_of(&case, &weights, 4.0);
+        weights[i] = kept - h;
+        let (down, _) = gradient_of(&case, &weights, 4.0);
+        weights[i] = kept;
+        let central = (up - down) / (2.0 * h);
+        let off = (central - gradient[i]).abs();
+        assert!(
+            off <= 1e-4 * (1.0 + central.abs()),
+            "weight {i}: {} by the pass, {central} by differences",
+            gradient[i]
+        );
     }
 }

@@ -15,6 +15,7 @@ fn settings() -> LearnSettings {
         clip_norm: 1.0,
         collision_penalty: 1000.0,
         backward_penalty: 1000.0,
+        collision_margin_m: 4.0,
         strength: None,
         lambda: None,
         mas_output: MasOutput::Jacobian,
