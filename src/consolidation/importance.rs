@@ -2,7 +2,7 @@
 
 use super::{MasOutput, Method};
 use crate::car_following::Event;
-use crate::driver::{Crew, Loop, Scaling};
+use crate::driver::{Crew, Drive, Loop, Scaling};
 use crate::lstm::{Magnitude, Real};
 
 /// Diagonal importance of the weights for the acceleration ŷ on recorded windows, averaged over all M supervised steps:
@@ -29,22 +29,69 @@ pub fn importance<T: Real>(
         (Method::Mas, MasOutput::SquaredNorm) => (Magnitude::Absolute, true),
         (Method::Naive | Method::Joint, _) => return (Vec::new(), 0),
     };
-    let parts = crew.each(events, |drive, piece| {
+    let mut total = vec![0.0; weights.len()];
+    let piece_sums = |drive: &mut Drive<T>, piece: &[&Event]| {
         let mut sums = vec![T::zero(); weights.len()];
         drive.forward(weights, scaling, piece, Loop::Open);
         drive.backward_open(weights, |accel| if squared { accel + accel } else { T::one() });
         drive.windows().add_magnitudes(magnitude, &mut sums);
         sums
+    };
+    crew.each(events, piece_sums, |sums| {
+        for (total, sum) in total.iter_mut().zip(sums) {
+            *total += sum.wide();
+        }
     });
     let samples: usize = events.iter().map(|event| event.steps() - horizon).sum();
-    let mut total = vec![0.0; weights.len()];
-    for part in parts {
-        for (total, part) in total.iter_mut().zip(part) {
-            *total += part.wide();
-        }
-    }
     for total in &mut total {
         *total /= samples.max(1) as f64;
     }
     (total, samples as u64)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::car_following::{TrafficRegime, TrafficSettings, generate};
+    use crate::driver::DriverShape;
+    use crate::lstm::{Layout, initial_weights};
+
+    /// Every piece kept until the end and then added up: what takes memory that grows with the events.
+    fn piece_by_piece(shape: DriverShape, scaling: &Scaling, weights: &[f32], events: &[&Event]) -> Vec<f64> {
+        let mut sorted = events.to_vec();
+        sorted.sort_by_key(|event| std::cmp::Reverse(event.steps()));
+        let pieces: Vec<_> = sorted
+            .chunks(16)
+            .map(|piece| {
+                let mut drive = Drive::new(shape);
+                let mut sums = vec![0.0_f32; weights.len()];
+                drive.forward(weights, scaling, piece, Loop::Open);
+                drive.backward_open(weights, |_| 1.0);
+                drive.windows().add_magnitudes(Magnitude::Square, &mut sums);
+                sums
+            })
+            .collect();
+        let samples: usize = events.iter().map(|event| event.steps() - shape.horizon).sum();
+        let sum = |i: usize| pieces.iter().fold(0.0, |sum, piece| sum + f64::from(piece[i]));
+        (0..weights.len()).map(|i| sum(i) / samples as f64).collect()
+    }
+
+    #[test]
+    fn adding_up_on_the_way_changes_no_bit() {
+        let shape = DriverShape { hidden: 4, horizon: 5, dt_s: 0.1, accel_limit_mps2: 4.0 };
+        let lengths = TrafficSettings { min_steps: 40, max_steps: 60, ..TrafficSettings::default() };
+        let events: Vec<_> =
+            generate(TrafficRegime::Slow, 3, 500, &lengths).into_iter().map(|generated| generated.event).collect();
+        let events: Vec<_> = events.iter().collect();
+        let scaling = Scaling::estimate(&events);
+        let weights = initial_weights(Layout { hidden: 4 }, 1);
+        let expected = piece_by_piece(shape, &scaling, &weights, &events);
+        for threads in [1, 3] {
+            let workers = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            let crew = Crew::new(shape, &workers);
+            let (ours, _) =
+                importance(Method::Ewc, MasOutput::Jacobian, &crew, &scaling, &weights, shape.horizon, &events);
+            assert!(ours == expected, "{threads} threads");
+        }
+    }
 }

@@ -112,10 +112,13 @@ fn results_do_not_depend_on_the_number_of_threads() {
     let weights: Vec<f32> = weights().into_iter().map(|w| w as f32).collect();
     let run = |threads| {
         let workers = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        Crew::<f32>::new(SHAPE, &workers).each(&borrowed, |drive, piece| {
+        let mut ends = Vec::new();
+        let drive = |drive: &mut Drive<f32>, piece: &[&Event]| {
             drive.forward(&weights, &SCALING, piece, Loop::Closed);
             (0..piece.len()).map(|n| drive.spacing_m(piece[n].steps() - 1, n)).collect::<Vec<_>>()
-        })
+        };
+        Crew::new(SHAPE, &workers).each(&borrowed, drive, |of_piece| ends.push(of_piece));
+        ends
     };
     assert_eq!(run(1), run(3));
 }

@@ -30,18 +30,29 @@ pub fn evaluate(
     workers: &ThreadPool,
 ) -> Errors {
     let long_enough: Vec<_> = events.iter().filter(|event| event.steps() > shape.horizon).collect();
-    let parts = Crew::<f32>::new(shape, workers).each(&long_enough, |drive, piece| {
-        drive.forward(weights, scaling, piece, Loop::Closed);
-        errors(drive, shape.horizon, piece)
-    });
+    drive_all(&Crew::new(shape, workers), shape.horizon, scaling, weights, &long_enough)
+}
+
+/// Drives `events`, each longer than the horizon, closed loop.
+pub(super) fn drive_all(
+    crew: &Crew<'_, f32>,
+    horizon: usize,
+    scaling: &Scaling,
+    weights: &[f32],
+    events: &[&Event],
+) -> Errors {
     let mut total = Errors::default();
-    for part in parts {
+    let part = |drive: &mut Drive<f32>, piece: &[&Event]| {
+        drive.forward(weights, scaling, piece, Loop::Closed);
+        errors(drive, horizon, piece)
+    };
+    crew.each(events, part, |part| {
         total.spacing_sq += part.spacing_sq;
         total.speed_sq += part.speed_sq;
         total.collisions += part.collisions;
         total.events += part.events;
         total.steps += part.steps;
-    }
+    });
     total
 }
 

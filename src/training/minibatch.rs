@@ -2,7 +2,7 @@
 
 use super::loss::{Penalties, loss};
 use crate::car_following::Event;
-use crate::driver::{Crew, Loop, Scaling, TrajectoryGradient};
+use crate::driver::{Crew, Drive, Loop, Scaling, TrajectoryGradient};
 use crate::lstm::Real;
 
 /// The loss of `events` driven closed loop, and its exact derivative by every weight in `gradient`, which is overwritten.
@@ -16,21 +16,21 @@ pub fn minibatch_gradient<T: Real>(
     gradient: &mut [T],
 ) -> f64 {
     let steps: usize = events.iter().map(|event| event.steps() - horizon).sum();
-    let parts = crew.each(events, |drive, piece| {
+    let part = |drive: &mut Drive<T>, piece: &[&Event]| {
         let mut by = TrajectoryGradient { spacing: Vec::new(), speed: Vec::new() };
         let mut gradient = vec![T::zero(); weights.len()];
         drive.forward(weights, scaling, piece, Loop::Closed);
         let loss = loss(drive, horizon, piece, penalties, steps, &mut by);
         drive.backward(weights, scaling, &by, &mut gradient);
         (loss, gradient)
-    });
+    };
     gradient.fill(T::zero());
     let mut total = 0.0;
-    for (loss, part) in &parts {
+    crew.each(events, part, |(loss, part)| {
         total += loss;
         for (g, p) in gradient.iter_mut().zip(part) {
-            *g += *p;
+            *g += p;
         }
-    }
+    });
     total
 }
