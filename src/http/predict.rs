@@ -185,6 +185,7 @@ fn refusal(model: &Model, error: PredictError) -> Problem {
     match error {
         PredictError::NoLiveVersion => Code::NoLiveVersion.because(format!("nothing of {} serves yet", model.name)),
         PredictError::UnknownVersion(version) => versions::missing(model, version),
+        PredictError::Store(error) => error.into(),
         // Windows are checked above, with pointers; what the predictor still refuses is a bug here.
         error => Problem::internal(error),
     }

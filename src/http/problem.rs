@@ -48,13 +48,14 @@ pub enum Code {
     Internal,
     NotAvailable,
     Busy,
+    DatabaseBusy,
     ShuttingDown,
     NotReady,
 }
 
 impl Code {
     /// Every code, for the contract test.
-    pub const ALL: [Self; 34] = [
+    pub const ALL: [Self; 35] = [
         Self::MalformedJson,
         Self::TruncatedBody,
         Self::MalformedBody,
@@ -87,6 +88,7 @@ impl Code {
         Self::Internal,
         Self::NotAvailable,
         Self::Busy,
+        Self::DatabaseBusy,
         Self::ShuttingDown,
         Self::NotReady,
     ];
@@ -134,6 +136,9 @@ impl Code {
             Self::Internal => ("internal", S::INTERNAL_SERVER_ERROR, "Something went wrong here"),
             Self::NotAvailable => ("not_available", S::NOT_IMPLEMENTED, "Not available in this release"),
             Self::Busy => ("busy", S::SERVICE_UNAVAILABLE, "Too many requests of this kind at once"),
+            Self::DatabaseBusy => {
+                ("database_busy", S::SERVICE_UNAVAILABLE, "Other changes keep the database busy for too long")
+            }
             Self::NotReady => ("not_ready", S::SERVICE_UNAVAILABLE, "The server cannot serve everything yet"),
             Self::ShuttingDown => ("shutting_down", S::SERVICE_UNAVAILABLE, "The server is going down"),
         }
@@ -311,7 +316,12 @@ impl IntoResponse for Problem {
 
 impl From<crate::store::StoreError> for Problem {
     fn from(error: crate::store::StoreError) -> Self {
-        Self::internal(error)
+        match error {
+            crate::store::StoreError::Busy => {
+                Self::busy(Code::DatabaseBusy, "nothing was changed; the same request may be sent again")
+            }
+            error => Self::internal(error),
+        }
     }
 }
 

@@ -22,8 +22,8 @@ pub enum StoreError {
     /// A migration failed, or the database is newer than this program.
     #[error("cannot bring the database to this release's schema: {0}")]
     Migrate(#[from] sqlx::migrate::MigrateError),
-    /// The writer was taken for too long.
-    #[error("other changes of the database took longer than database.writer_wait_s")]
+    /// The writer was taken for too long, by this process or another.
+    #[error("other changes of the database took longer than database.writer_wait_s or busy_timeout_s")]
     Busy,
     /// `SQLite` said no.
     #[error("database: {0}")]

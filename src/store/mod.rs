@@ -96,6 +96,7 @@ impl Store {
     pub async fn begin(&self) -> Result<WriteTransaction, StoreError> {
         self.writer.begin_with("begin immediate").await.map_err(|error| match error {
             sqlx::Error::PoolTimedOut => StoreError::Busy,
+            error if is_locked(&error) => StoreError::Busy,
             error => error.into(),
         })
     }
@@ -105,6 +106,12 @@ impl Store {
         self.readers.close().await;
         self.writer.close().await;
     }
+}
+
+/// Whether another process, such as a backup, held `SQLite`'s lock for longer than the busy timeout.
+fn is_locked(error: &sqlx::Error) -> bool {
+    const SQLITE_BUSY: &str = "5";
+    error.as_database_error().and_then(sqlx::error::DatabaseError::code).is_some_and(|code| code == SQLITE_BUSY)
 }
 
 fn lock(path: &Path) -> Result<File, StoreError> {

@@ -1,5 +1,7 @@
 use reqwest::Method;
 use serde_json::json;
+use sqlx::sqlite::SqliteConnectOptions;
+use sqlx::{ConnectOptions, query};
 
 use crate::support::server::Server;
 
@@ -41,6 +43,20 @@ async fn bodies_are_refused_for_what_is_wrong_with_them() {
     assert_eq!(array["errors"][0]["pointer"], "");
     let bare = server.send(server.request(Method::POST, "/v1/models").body("{}")).await;
     bare.expect_problem(415, "unsupported_media_type");
+    server.stop().await;
+}
+
+#[tokio::test]
+async fn a_change_that_cannot_wait_any_longer_is_told_to_come_again() {
+    let server = Server::start_with("[database]\nbusy_timeout_s = 0.05").await;
+    let path = server.directory.path().join("headway.db");
+    let mut other = SqliteConnectOptions::new().filename(path).connect().await.unwrap();
+    query("begin immediate").execute(&mut other).await.unwrap();
+    let wish = json!({"model": "a", "method": "ewc"});
+    let refused = server.post("/v1/models", &wish).await.expect_problem(503, "database_busy");
+    assert_eq!(refused.header("retry-after"), "1");
+    query("rollback").execute(&mut other).await.unwrap();
+    server.post("/v1/models", &wish).await.expect(201);
     server.stop().await;
 }
 
