@@ -121,7 +121,7 @@ def main():
     cli = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     cli.add_argument("--events", nargs="+", required=True)
     cli.add_argument("--splits", required=True, help="CSV with columns event_id, task, split")
-    cli.add_argument("--methods", default="naive,joint,ewc,mas")
+    cli.add_argument("--methods", default="naive,joint,ewc,mas", help="naive and joint first: the others are compared with them")
     cli.add_argument("--seeds", default="42,43,44")
     cli.add_argument("--steps", type=int, default=150)
     cli.add_argument("--threads", type=int, default=os.cpu_count())

@@ -40,6 +40,11 @@ use server::DemoServer;
 use story::Story;
 use traffic::{EVENTS_RANGE, Traffic};
 
+/// Enough for a hundred updates a stage: with fewer, what a stage learns has not settled, and there is less to protect.
+const GENERATED_EVENTS: u32 = 900;
+/// Recorded events are about half as long again.
+const RECORDED_EVENTS: u32 = 600;
+
 /// What `headway demo` can be told.
 #[derive(Debug, Args)]
 pub(super) struct DemoArguments {
@@ -47,9 +52,10 @@ pub(super) struct DemoArguments {
     /// They are split into three tasks by mean follower speed
     #[arg(long, value_name = "FILE", num_args = 1..)]
     events: Vec<PathBuf>,
-    /// Events of each kind of traffic: so many are generated, and no more of recorded ones are used
-    #[arg(long, value_name = "N", default_value_t = 600, value_parser = value_parser!(u32).range(EVENTS_RANGE))]
-    events_per_regime: u32,
+    /// Events of each kind of traffic: so many are generated [default: 900], and no more of recorded ones, which are
+    /// longer, are used [default: 600]
+    #[arg(long, value_name = "N", value_parser = value_parser!(u32).range(EVENTS_RANGE))]
+    events_per_regime: Option<u32>,
     /// Seed of the generated traffic and of the training
     #[arg(long, value_name = "N", default_value_t = 42)]
     seed: u64,
@@ -77,9 +83,9 @@ pub(super) struct DemoArguments {
 pub(super) fn run(arguments: &DemoArguments) -> anyhow::Result<()> {
     start_logging(&LogSettings { format: LogFormat::Text, filter: "warn".to_owned() })?;
     let traffic = if arguments.events.is_empty() {
-        Traffic::generated(arguments.seed, arguments.events_per_regime)
+        Traffic::generated(arguments.seed, arguments.events_per_regime.unwrap_or(GENERATED_EVENTS))
     } else {
-        recorded::traffic(&arguments.events, arguments.events_per_regime)?
+        recorded::traffic(&arguments.events, arguments.events_per_regime.unwrap_or(RECORDED_EVENTS))?
     };
     let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
     let done = runtime.block_on(perform(arguments, &traffic));
