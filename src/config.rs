@@ -1,5 +1,6 @@
 //! Every setting of the server: `default.toml`, then a file, then `HEADWAY_…` variables, then flags.
 
+use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
@@ -171,7 +172,7 @@ impl Config {
         let mut merged = defaults();
         let mut config = Self::from_table(&merged, "default.toml")?;
         for Layer { origin, table } in layers {
-            refuse_unknown(&table, &known(), "", &origin)?;
+            refuse_unusable(&table, &known(), "", &origin)?;
             merge(&mut merged, table);
             config = Self::from_table(&merged, &origin)?;
         }
@@ -194,13 +195,28 @@ impl Config {
             log: section(table, "log").map_err(wrong)?,
         };
         config.server.check().map_err(wrong)?;
+        within("server", &config.server.numbers()).map_err(wrong)?;
+        within("database", &config.database.numbers()).map_err(wrong)?;
+        within("training", &config.training.numbers()).map_err(wrong)?;
+        within("predict", &config.predict.numbers()).map_err(wrong)?;
         config.ingest.clone().checked().map_err(|e| wrong(format!("ingest.{e}")))?;
         Ok(config)
     }
 }
 
 fn section<'de, T: Deserialize<'de>>(table: &Table, name: &str) -> Result<T, String> {
-    table[name].clone().try_into().map_err(|e: toml::de::Error| format!("{name}: {}", e.to_string().trim()))
+    serde_path_to_error::deserialize(table[name].clone())
+        .map_err(|e| format!("{name}.{}: {}", e.path(), e.inner().to_string().trim()))
+}
+
+/// Whether each number of a section lies in its range.
+fn within(section: &str, numbers: &[(&str, f64, RangeInclusive<f64>)]) -> Result<(), String> {
+    match numbers.iter().find(|(_, value, range)| !range.contains(value)) {
+        Some((name, value, range)) => {
+            Err(format!("{section}.{name}: {value} is not within {} to {}", range.start(), range.end()))
+        }
+        None => Ok(()),
+    }
 }
 
 /// Every name that may be set: those of the defaults, and the model's that have no default value.
@@ -214,14 +230,19 @@ fn known() -> Table {
     known
 }
 
-fn refuse_unknown(given: &Table, known: &Table, above: &str, origin: &str) -> Result<(), ConfigError> {
+/// Refuses names that no setting has, and numbers that are none.
+fn refuse_unusable(given: &Table, known: &Table, above: &str, origin: &str) -> Result<(), ConfigError> {
     for (name, value) in given {
         let key = format!("{above}{name}");
         let Some(known) = known.get(name) else {
             return Err(ConfigError::Unknown { origin: origin.to_owned(), key });
         };
         match (value, known) {
-            (Value::Table(value), Value::Table(known)) => refuse_unknown(value, known, &format!("{key}."), origin)?,
+            (Value::Float(number), _) if !number.is_finite() => {
+                let detail = format!("{key}: {number} is not a finite number");
+                return Err(ConfigError::Value { origin: origin.to_owned(), detail });
+            }
+            (Value::Table(value), Value::Table(known)) => refuse_unusable(value, known, &format!("{key}."), origin)?,
             (_, Value::Table(_)) if above.is_empty() => {
                 return Err(ConfigError::Value { origin: origin.to_owned(), detail: format!("{key} is a section") });
             }
@@ -295,5 +316,48 @@ mod tests {
         }
         assert!(variables(&[("HEADWAY_SERVER_LISTEN", "x")]).is_err());
         assert!(variables(&[("HEADWAY_RECORDED_DATA", "x"), ("HEADWAY_CONFIG", "x")]).unwrap().is_empty());
+    }
+
+    /// Dotted names and defaults of every number in the manual.
+    fn numbers(table: &Table, above: &str) -> Vec<(String, Value)> {
+        let named = |(name, value): (&String, &Value)| {
+            let key = format!("{above}{name}");
+            match value {
+                Value::Table(below) => numbers(below, &format!("{key}.")),
+                Value::Integer(_) | Value::Float(_) => vec![(key, value.clone())],
+                _ => Vec::new(),
+            }
+        };
+        table.iter().flat_map(named).collect()
+    }
+
+    #[test]
+    fn every_number_is_refused_when_it_cannot_be_used_with_its_name_and_origin() {
+        let numbers = numbers(&defaults(), "");
+        assert!(numbers.len() > 50, "{numbers:?}");
+        for (key, default) in numbers {
+            let nonsense: &[&str] = if default.is_float() { &["-1", "nan", "inf", "\"1\""] } else { &["-1", "0.5"] };
+            for text in nonsense {
+                let message = Config::resolve([Layer::one("--x", &key, text)]).unwrap_err().to_string();
+                // What is nested in a model's setting is told under that setting.
+                let named: Vec<_> = key.split('.').take(if key.starts_with("model") { 2 } else { 3 }).collect();
+                assert!(message.starts_with("--x: ") && message.contains(&named.join(".")), "{key} = {text}: {message}");
+            }
+        }
+    }
+
+    #[test]
+    fn numbers_that_would_stop_the_server_later_are_refused_at_the_start() {
+        for (key, text) in [
+            ("database.readers", "0"),
+            ("database.writer_wait_s", "1e300"),
+            ("training.parallel_tasks", "0"),
+            ("training.trigger_interval_s", "0"),
+            ("server.concurrent_uploads", "9000000000000000000"),
+            ("ingest.max_listed_rejections", "1001"),
+        ] {
+            let message = Config::resolve([Layer::one("HEADWAY_X", key, text)]).unwrap_err().to_string();
+            assert!(message.starts_with("HEADWAY_X: ") && message.contains(key), "{message}");
+        }
     }
 }

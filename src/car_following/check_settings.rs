@@ -70,8 +70,8 @@ impl CheckSettings {
     pub fn checked(self) -> Result<Self, CheckSettingsError> {
         // The upper bounds are what f32 arrays and the sums over them hold comfortably.
         for (name, value, low, high) in [
-            ("min_dt_s", self.min_dt_s, 0.001, self.max_dt_s),
             ("max_dt_s", self.max_dt_s, 0.001, 10.0),
+            ("min_dt_s", self.min_dt_s, 0.001, self.max_dt_s),
             ("max_time_jitter", self.max_time_jitter, 0.0, 1.0),
             ("speed_noise_mps", self.speed_noise_mps, 0.0, 1e3),
             ("max_speed_mps", self.max_speed_mps, 0.0, 1e4),

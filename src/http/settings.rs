@@ -1,6 +1,7 @@
 //! Settings of the interface: addresses, limits, patience.
 
 use std::net::SocketAddr;
+use std::ops::RangeInclusive;
 
 use serde::{Deserialize, Serialize};
 
@@ -41,7 +42,7 @@ pub struct ServerSettings {
 }
 
 impl ServerSettings {
-    /// Checks what types cannot.
+    /// Checks what neither types nor ranges can.
     ///
     /// # Errors
     /// Names the first setting that cannot be used.
@@ -53,27 +54,27 @@ impl ServerSettings {
                 self.listen
             ));
         }
-        for (name, seconds) in
-            [("body_idle_s", self.body_idle_s), ("wait_max_s", self.wait_max_s), ("drain_s", self.drain_s)]
-        {
-            if !(0.0..=86_400.0).contains(&seconds) {
-                return Err(format!("server.{name}: {seconds} is not within 0 to 86400"));
-            }
-        }
-        let least_one = [
-            ("concurrent_uploads", self.concurrent_uploads == 0),
-            ("concurrent_predictions", self.concurrent_predictions == 0),
-            ("concurrent_streams", self.concurrent_streams == 0),
-            ("predict_windows_max", self.predict_windows_max == 0),
-            ("simulate_steps_max", self.simulate_steps_max == 0),
-            ("errors_max", self.errors_max == 0),
-            ("progress_interval_s", !(0.01..=3600.0).contains(&self.progress_interval_s)),
-            ("page_size", self.page_size == 0),
-            ("page_size_max", !(1..=100_000).contains(&self.page_size_max)),
-        ];
-        match least_one.iter().find(|(_, wrong)| *wrong) {
-            Some((name, _)) => Err(format!("server.{name}: out of range")),
-            None => Ok(()),
-        }
+        Ok(())
+    }
+
+    /// Every number, and the range it must lie in.
+    #[must_use]
+    pub fn numbers(&self) -> [(&'static str, f64, RangeInclusive<f64>); 14] {
+        [
+            ("json_body_bytes", self.json_body_bytes as f64, 1.0..=1e9),
+            ("body_idle_s", self.body_idle_s, 0.01..=86_400.0),
+            ("concurrent_uploads", self.concurrent_uploads as f64, 1.0..=10_000.0),
+            ("concurrent_predictions", self.concurrent_predictions as f64, 1.0..=10_000.0),
+            ("concurrent_streams", self.concurrent_streams as f64, 1.0..=100_000.0),
+            ("progress_interval_s", self.progress_interval_s, 0.01..=3600.0),
+            ("predict_windows_max", self.predict_windows_max as f64, 1.0..=1e7),
+            ("simulate_steps_max", self.simulate_steps_max as f64, 1.0..=1e7),
+            ("errors_max", self.errors_max as f64, 1.0..=100_000.0),
+            ("page_size", self.page_size.into(), 1.0..=100_000.0),
+            ("page_size_max", self.page_size_max.into(), 1.0..=100_000.0),
+            ("wait_max_s", self.wait_max_s, 0.0..=86_400.0),
+            ("idempotency_keep_s", self.idempotency_keep_s.into(), 0.0..=31_536_000.0),
+            ("drain_s", self.drain_s, 0.0..=86_400.0),
+        ]
     }
 }

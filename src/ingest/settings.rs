@@ -7,6 +7,9 @@ use serde::{Deserialize, Serialize};
 use crate::car_following::{CheckSettings, CheckSettingsError};
 use crate::formats::{FormatLimits, FormatLimitsError};
 
+/// Rejections that the interface lets an answer list.
+const MAX_LISTED: u32 = 1000;
+
 /// How much is taken, and what is believed.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -32,7 +35,7 @@ impl Default for IngestSettings {
             spool_folder: PathBuf::new(),
             max_body_bytes: 2 << 30,
             buffer_bytes: 32 << 20,
-            max_listed_rejections: 1000,
+            max_listed_rejections: MAX_LISTED,
             limits: FormatLimits::default(),
             checks: CheckSettings::default(),
         }
@@ -51,6 +54,9 @@ pub enum IngestSettingsError {
     /// A body of no bytes is none.
     #[error("max_body_bytes must be at least 1")]
     Body,
+    /// The interface lists no more.
+    #[error("max_listed_rejections must be at most {MAX_LISTED}")]
+    Listed,
 }
 
 impl IngestSettings {
@@ -61,6 +67,9 @@ impl IngestSettings {
     pub fn checked(self) -> Result<Self, IngestSettingsError> {
         if self.max_body_bytes == 0 {
             return Err(IngestSettingsError::Body);
+        }
+        if self.max_listed_rejections > MAX_LISTED {
+            return Err(IngestSettingsError::Listed);
         }
         Ok(Self { limits: self.limits.checked()?, checks: self.checks.checked()?, ..self })
     }

@@ -1,5 +1,7 @@
 //! Settings of the scheduler.
 
+use std::ops::RangeInclusive;
+
 use serde::{Deserialize, Serialize};
 
 /// How much trains at once, and how often what is looked at.
@@ -26,5 +28,17 @@ impl SchedulerSettings {
             0 => std::thread::available_parallelism().map_or(1, |cores| (cores.get() / 2).max(1)),
             threads => threads,
         }
+    }
+
+    /// Every number, and the range it must lie in.
+    #[must_use]
+    pub fn numbers(&self) -> [(&'static str, f64, RangeInclusive<f64>); 5] {
+        [
+            ("parallel_tasks", self.parallel_tasks as f64, 1.0..=64.0),
+            ("training_threads", self.training_threads as f64, 0.0..=1024.0),
+            ("checkpoint_s", self.checkpoint_s, 0.0..=86_400.0),
+            ("trigger_interval_s", self.trigger_interval_s, 0.01..=3600.0),
+            ("max_crashes", self.max_crashes.into(), 0.0..=1e6),
+        ]
     }
 }

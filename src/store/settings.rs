@@ -1,5 +1,6 @@
 //! Settings of the database.
 
+use std::ops::RangeInclusive;
 use std::path::PathBuf;
 
 use serde::{Deserialize, Serialize};
@@ -18,4 +19,17 @@ pub struct StoreSettings {
     pub writer_wait_s: f64,
     /// Prepared statements kept per connection.
     pub statement_cache: usize,
+}
+
+impl StoreSettings {
+    /// Every number, and the range it must lie in.
+    #[must_use]
+    pub fn numbers(&self) -> [(&'static str, f64, RangeInclusive<f64>); 4] {
+        [
+            ("readers", self.readers.into(), 1.0..=256.0),
+            ("busy_timeout_s", self.busy_timeout_s, 0.0..=3600.0),
+            ("writer_wait_s", self.writer_wait_s, 0.01..=86_400.0),
+            ("statement_cache", self.statement_cache as f64, 1.0..=100_000.0),
+        ]
+    }
 }
