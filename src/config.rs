@@ -341,7 +341,10 @@ mod tests {
                 let message = Config::resolve([Layer::one("--x", &key, text)]).unwrap_err().to_string();
                 // What is nested in a model's setting is told under that setting.
                 let named: Vec<_> = key.split('.').take(if key.starts_with("model") { 2 } else { 3 }).collect();
-                assert!(message.starts_with("--x: ") && message.contains(&named.join(".")), "{key} = {text}: {message}");
+                assert!(
+                    message.starts_with("--x: ") && message.contains(&named.join(".")),
+                    "{key} = {text}: {message}"
+                );
             }
         }
     }

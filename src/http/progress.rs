@@ -16,7 +16,7 @@ use super::path::{ModelAt, TaskAt, task_id};
 use super::problem::{Code, Problem};
 use super::tasks;
 use super::{AppState, stopped};
-use crate::lineage::{Model, TaskState};
+use crate::lineage::{Model, RegimeName, Task, TaskState};
 use crate::scheduler::TaskProgress;
 
 /// `GET /v1/models/{model}/tasks/{task_id}/progress`
@@ -25,11 +25,11 @@ pub(super) async fn watch(
     ModelAt(model): ModelAt,
     TaskAt(task): TaskAt,
 ) -> Result<Sse<impl Stream<Item = Result<Event, Infallible>>>, Problem> {
-    tasks::find(&app, &model, task).await?;
+    let task = tasks::find(&app, &model, task).await?;
     let slot = Arc::clone(&app.stream_slots)
         .try_acquire_owned()
         .map_err(|_| Problem::busy(Code::Busy, "as many streams as the server keeps are open"))?;
-    let watcher = Watcher::new(app, model, task, slot);
+    let watcher = Watcher::new(app, model, &task, slot);
     let events = futures_util::stream::unfold(watcher, |mut watcher| async move {
         let event = watcher.next().await?;
         Some((Ok(event), watcher))
@@ -43,24 +43,44 @@ struct Watcher {
     progress: Option<watch::Receiver<TaskProgress>>,
     timer: Interval,
     shown: Option<TaskState>,
+    told: Option<TaskProgress>,
+    /// Waits behind the last of the progress before it.
+    behind: Option<Event>,
     app: Arc<AppState>,
     model: Model,
     task: i64,
+    regime: RegimeName,
     _slot: OwnedSemaphorePermit,
 }
 
 impl Watcher {
-    fn new(app: Arc<AppState>, model: Model, task: i64, slot: OwnedSemaphorePermit) -> Self {
+    fn new(app: Arc<AppState>, model: Model, task: &Task, slot: OwnedSemaphorePermit) -> Self {
         let mut timer = interval(Duration::from_secs_f64(app.settings.progress_interval_s));
         timer.set_missed_tick_behavior(MissedTickBehavior::Delay);
         let mut changes = app.scheduler.changes();
         changes.mark_changed();
         let stopping = app.stopping.clone();
-        Self { changes, stopping, progress: None, timer, shown: None, app, model, task, _slot: slot }
+        Self {
+            changes,
+            stopping,
+            progress: None,
+            timer,
+            shown: None,
+            told: None,
+            behind: None,
+            app,
+            model,
+            task: task.task_id,
+            regime: task.regime.clone(),
+            _slot: slot,
+        }
     }
 
     /// The next event; `None` after a final state, or when the server stops.
     async fn next(&mut self) -> Option<Event> {
+        if self.behind.is_some() {
+            return self.behind.take();
+        }
         if self.shown.is_some_and(TaskState::is_final) {
             return None;
         }
@@ -88,21 +108,38 @@ impl Watcher {
             return Some(None);
         }
         self.shown = Some(task.state);
-        self.progress = None;
+        // What a task told last, such as how it drives after its last epoch, comes before its end.
+        let last = self.advance();
+        self.progress = self.app.scheduler.progress(self.task);
         let body = tasks::body(&self.app, &self.model, &task);
-        Some(Some(Event::default().event("task").data(body.to_string())))
+        let event = Event::default().event("task").data(body.to_string());
+        if last.is_some() {
+            self.behind = Some(event);
+            return Some(last);
+        }
+        Some(Some(event))
     }
 
     fn advance(&mut self) -> Option<Event> {
         if self.progress.is_none() {
             self.progress = self.app.scheduler.progress(self.task);
         }
-        let progress = self.progress.as_mut()?;
-        if !progress.has_changed().unwrap_or(false) {
+        let progress = *self.progress.as_ref()?.borrow();
+        if self.told == Some(progress) {
             return None;
         }
-        let progress = *progress.borrow_and_update();
+        self.told = Some(progress);
         let update = progress.update?;
+        let interim = progress.interim.map(|(epoch, measures)| {
+            json!({
+                "epoch": epoch,
+                "regime": self.regime,
+                "events": measures.events,
+                "spacing_mse": measures.spacing_mse,
+                "speed_mse": measures.speed_mse,
+                "collision_rate_percent": 100.0 * f64::from(measures.collisions) / f64::from(measures.events.max(1)),
+            })
+        });
         let body = json!({
             "task_id": task_id(self.task),
             "progress": progress.share,
@@ -113,6 +150,7 @@ impl Watcher {
             "penalty": update.penalty,
             "events_per_s": update.events_per_s,
             "seconds_left": progress.seconds_left,
+            "interim": interim,
         });
         Some(Event::default().event("progress").data(body.to_string()))
     }

@@ -9,7 +9,7 @@ use sha2::{Digest, Sha256};
 pub enum Split {
     /// Learned from.
     Train,
-    /// Kept for choosing settings.
+    /// Driven after every epoch, to see how far learning is.
     Validation,
     /// Kept for evaluation.
     Test,

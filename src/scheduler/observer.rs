@@ -8,8 +8,9 @@ use tokio::runtime::Handle;
 
 use super::handle::Scheduler;
 use super::running::{Running, StopReason, TaskProgress};
+use super::verdict;
 use crate::store::Store;
-use crate::training::{Observer, Progress};
+use crate::training::{Interim, Observer, Progress};
 
 /// Lives on the blocking thread that learns.
 pub(super) struct JobObserver {
@@ -54,9 +55,20 @@ fn share(progress: &Progress) -> f64 {
 impl Observer for JobObserver {
     fn updated(&mut self, progress: &Progress) -> bool {
         let seconds_left = self.seconds_left(progress);
-        let told = TaskProgress { share: share(progress), update: Some(*progress), seconds_left };
-        self.running.progress.send_replace(told);
+        self.running.progress.send_modify(|told| {
+            *told =
+                TaskProgress { share: share(progress), update: Some(*progress), seconds_left, interim: told.interim };
+        });
         self.running.stop.asked().is_none()
+    }
+
+    fn evaluated(&mut self, interim: &Interim) {
+        let measures = verdict::measures(&interim.errors);
+        self.running.progress.send_modify(|told| told.interim = measures.map(|measures| (interim.epoch, measures)));
+    }
+
+    fn wants_stop(&mut self) -> bool {
+        self.running.stop.asked().is_some()
     }
 
     fn wants_checkpoint(&mut self) -> bool {

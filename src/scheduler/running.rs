@@ -4,9 +4,9 @@ use std::collections::HashMap;
 use std::sync::atomic::{AtomicU8, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use serde::Serialize;
 use tokio::sync::watch;
 
+use crate::lineage::TestMeasures;
 use crate::training::Progress;
 
 /// Why a task is to stop at its next update. A cancel outweighs a hold.
@@ -38,7 +38,7 @@ impl Stop {
 }
 
 /// How far a running task is.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TaskProgress {
     /// Share done, 0–1.
     pub share: f64,
@@ -46,12 +46,14 @@ pub struct TaskProgress {
     pub update: Option<Progress>,
     /// At the present rate, s; none before the first update.
     pub seconds_left: Option<f64>,
+    /// Epochs done, and how the network drove the task's validation events after the last of them.
+    pub interim: Option<(u32, TestMeasures)>,
 }
 
 impl TaskProgress {
     /// Of a task that has done `share` of its updates.
     pub(super) fn started(share: f64) -> Self {
-        Self { share, update: None, seconds_left: None }
+        Self { share, update: None, seconds_left: None, interim: None }
     }
 }
 

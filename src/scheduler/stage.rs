@@ -21,7 +21,9 @@ pub(super) struct Stage {
     pub(super) parent: Option<Known>,
     /// At the model's step, in order of their digests.
     pub(super) train: Vec<Event>,
-    /// Over these digests.
+    /// What interim evaluations drive, at the model's step.
+    validation: Vec<Event>,
+    /// Over the digests of the training events.
     pub(super) events_sha256: [u8; 32],
     memories: Vec<RegimeMemory>,
 }
@@ -80,7 +82,9 @@ impl Stage {
         };
         let events_sha256 = digest(&events);
         let train = at_step(events, settings.dt_s);
-        Ok(Self { task, model, settings, number, parent, train, events_sha256, memories })
+        let validation = store.validation_events(task.task_id, settings.test_reservoir).await?;
+        let validation = at_step(validation, settings.dt_s);
+        Ok(Self { task, model, settings, number, parent, train, validation, events_sha256, memories })
     }
 
     /// What the arithmetic is told.
@@ -95,6 +99,7 @@ impl Stage {
             scaling: self.parent.as_ref().map(|parent| parent.scaling),
             memory: &self.memories,
             train: &self.train,
+            validation: &self.validation,
         }
     }
 }

@@ -46,7 +46,8 @@ impl Network {
     }
 }
 
-fn measures(errors: &Errors) -> Option<TestMeasures> {
+/// Means over simulated steps; none without any.
+pub(super) fn measures(errors: &Errors) -> Option<TestMeasures> {
     let Errors { spacing_sq, speed_sq, collisions, events, steps } = *errors;
     (steps > 0).then(|| TestMeasures {
         spacing_mse: spacing_sq / steps as f64,

@@ -46,6 +46,21 @@ impl Store {
         events_from(rows).await
     }
 
+    /// The `limit` validation events of least digest of a task's ledger, in order of their digests.
+    ///
+    /// # Errors
+    /// When the database cannot be read.
+    pub async fn validation_events(&self, task_id: i64, limit: u32) -> Result<Vec<LedgerEvent>, StoreError> {
+        let rows = query(
+            "select e.event_id, e.content_sha256, e.dt_s, e.arrays from task_event te join event e using (event_id)
+             where te.task_id = ? and e.split = 'validation' order by e.content_sha256 limit ?",
+        )
+        .bind(task_id)
+        .bind(limit)
+        .fetch(&self.readers);
+        events_from(rows).await
+    }
+
     /// The training events of a task's ledger and of the tasks behind `parent` and its parents, each once, in order of
     /// their digests: what `joint` learns.
     ///
@@ -140,5 +155,29 @@ impl Store {
             ));
         }
         Ok(ids.iter().map(|id| i64::from_le_bytes(*id)).collect())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::fixture::Fixture;
+    use crate::consolidation::Method;
+    use crate::lineage::ModelSettings;
+
+    #[tokio::test]
+    async fn validation_events_are_the_tasks_own_of_least_digest() {
+        let fixture = Fixture::new().await;
+        let model_id = fixture.model("m", Method::Ewc, &ModelSettings::default()).await;
+        fixture.batch(model_id, "fast", 0..40).await;
+        fixture.batch(model_id, "slow", 40..60).await;
+        let tasks = fixture.tasks_of_pending(model_id).await;
+        let digests = async |task, limit| {
+            let events = fixture.store.validation_events(task, limit).await.unwrap();
+            events.into_iter().map(|stored| stored.sha256).collect::<Vec<_>>()
+        };
+        let all = digests(tasks[0], 100).await;
+        assert!(all.len() == 4 && all.is_sorted());
+        assert_eq!(digests(tasks[0], 3).await, all[..3]);
+        assert_eq!(digests(tasks[1], 100).await.len(), 2);
     }
 }

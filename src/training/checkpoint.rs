@@ -3,10 +3,11 @@
 use sha2::{Digest, Sha256};
 
 use super::adam::Adam;
-use super::stage::StageInput;
+use super::evaluate::Errors;
+use super::stage::{Interim, StageInput};
 use crate::car_following::Event;
 
-const MAGIC: &[u8; 8] = b"HWCKPT01";
+const MAGIC: &[u8; 8] = b"HWCKPT02";
 
 /// Where a stage stands between two updates.
 #[derive(Debug, Clone, PartialEq)]
@@ -21,6 +22,8 @@ pub(super) struct Checkpoint {
     pub epoch_loss: f64,
     /// Time inside updates, s.
     pub update_s: f64,
+    /// After the last epoch done.
+    pub interim: Option<Interim>,
     /// The weights.
     pub weights: Vec<f32>,
     /// The optimiser.
@@ -31,7 +34,7 @@ impl Checkpoint {
     /// Before the first update.
     pub(super) fn begin(fingerprint: [u8; 32], weights: Vec<f32>) -> Self {
         let adam = Adam::new(weights.len());
-        Self { fingerprint, epoch: 0, minibatch: 0, epoch_loss: 0.0, update_s: 0.0, weights, adam }
+        Self { fingerprint, epoch: 0, minibatch: 0, epoch_loss: 0.0, update_s: 0.0, interim: None, weights, adam }
     }
 
     pub(super) fn to_bytes(&self) -> Vec<u8> {
@@ -42,6 +45,14 @@ impl Checkpoint {
         bytes.extend(self.epoch_loss.to_le_bytes());
         bytes.extend(self.update_s.to_le_bytes());
         bytes.extend(self.adam.updates.to_le_bytes());
+        // Epoch 0 ends before anything is evaluated, and stands for none.
+        let interim = self.interim.unwrap_or(Interim { epoch: 0, errors: Errors::default() });
+        bytes.extend(interim.epoch.to_le_bytes());
+        bytes.extend(interim.errors.spacing_sq.to_le_bytes());
+        bytes.extend(interim.errors.speed_sq.to_le_bytes());
+        bytes.extend(interim.errors.collisions.to_le_bytes());
+        bytes.extend(interim.errors.events.to_le_bytes());
+        bytes.extend(interim.errors.steps.to_le_bytes());
         for values in [&self.weights, &self.adam.first, &self.adam.second] {
             bytes.extend(values.iter().flat_map(|x| x.to_le_bytes()));
         }
@@ -56,6 +67,7 @@ impl Checkpoint {
             rest = tail;
             Ok::<_, String>(head)
         };
+        let four = |bytes: &[u8]| <[u8; 4]>::try_from(bytes).expect("four were taken");
         let eight = |bytes: &[u8]| <[u8; 8]>::try_from(bytes).expect("eight were taken");
         if take(8)? != MAGIC {
             return Err("it is of another format".to_owned());
@@ -63,20 +75,30 @@ impl Checkpoint {
         if take(32)? != fingerprint {
             return Err("it belongs to other events, settings or parent".to_owned());
         }
-        let epoch = u32::from_le_bytes(<[u8; 4]>::try_from(take(4)?).expect("four were taken"));
+        let epoch = u32::from_le_bytes(four(take(4)?));
         let minibatch = u64::from_le_bytes(eight(take(8)?));
         let epoch_loss = f64::from_le_bytes(eight(take(8)?));
         let update_s = f64::from_le_bytes(eight(take(8)?));
         let updates = u64::from_le_bytes(eight(take(8)?));
+        let interim = Interim {
+            epoch: u32::from_le_bytes(four(take(4)?)),
+            errors: Errors {
+                spacing_sq: f64::from_le_bytes(eight(take(8)?)),
+                speed_sq: f64::from_le_bytes(eight(take(8)?)),
+                collisions: u32::from_le_bytes(four(take(4)?)),
+                events: u32::from_le_bytes(four(take(4)?)),
+                steps: u64::from_le_bytes(eight(take(8)?)),
+            },
+        };
+        let interim = Some(interim).filter(|interim| interim.epoch > 0);
         if !rest.len().is_multiple_of(12) {
             return Err("its arrays are cut".to_owned());
         }
-        let values: Vec<f32> =
-            rest.chunks_exact(4).map(|b| f32::from_le_bytes(<[u8; 4]>::try_from(b).expect("four each"))).collect();
+        let values: Vec<f32> = rest.chunks_exact(4).map(|bytes| f32::from_le_bytes(four(bytes))).collect();
         let third = values.len() / 3;
         let adam = Adam { updates, first: values[third..2 * third].to_vec(), second: values[2 * third..].to_vec() };
         let weights = values[..third].to_vec();
-        Ok(Self { fingerprint: *fingerprint, epoch, minibatch, epoch_loss, update_s, weights, adam })
+        Ok(Self { fingerprint: *fingerprint, epoch, minibatch, epoch_loss, update_s, interim, weights, adam })
     }
 }
 
@@ -109,6 +131,9 @@ mod tests {
         checkpoint.epoch = 2;
         checkpoint.minibatch = 9;
         checkpoint.epoch_loss = 0.1;
+        assert_eq!(Checkpoint::from_bytes(&checkpoint.to_bytes(), &[7; 32]).as_ref(), Ok(&checkpoint));
+        let errors = Errors { spacing_sq: 1.5, speed_sq: 0.1, collisions: 3, events: 4, steps: 5 };
+        checkpoint.interim = Some(Interim { epoch: 2, errors });
         checkpoint.adam.step(&mut checkpoint.weights, &[0.5, 0.5, 0.5], 0.1);
         let bytes = checkpoint.to_bytes();
         assert_eq!(Checkpoint::from_bytes(&bytes, &[7; 32]), Ok(checkpoint));

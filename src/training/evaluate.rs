@@ -1,5 +1,7 @@
 //! Closed-loop measures of a network on test events.
 
+use std::ops::AddAssign;
+
 use rayon::ThreadPool;
 
 use crate::car_following::Event;
@@ -18,6 +20,16 @@ pub struct Errors {
     pub events: u32,
     /// Simulated steps.
     pub steps: u64,
+}
+
+impl AddAssign for Errors {
+    fn add_assign(&mut self, part: Self) {
+        self.spacing_sq += part.spacing_sq;
+        self.speed_sq += part.speed_sq;
+        self.collisions += part.collisions;
+        self.events += part.events;
+        self.steps += part.steps;
+    }
 }
 
 /// Drives every event closed loop with these weights; events no longer than the horizon are left out.
@@ -46,13 +58,7 @@ pub(super) fn drive_all(
         drive.forward(weights, scaling, piece, Loop::Closed);
         errors(drive, horizon, piece)
     };
-    crew.each(events, part, |part| {
-        total.spacing_sq += part.spacing_sq;
-        total.speed_sq += part.speed_sq;
-        total.collisions += part.collisions;
-        total.events += part.events;
-        total.steps += part.steps;
-    });
+    crew.each(events, part, |part| total += part);
     total
 }
 

@@ -13,4 +13,4 @@ pub use adam::{Adam, clip_norm};
 pub use evaluate::{Errors, evaluate};
 pub use loss::{Penalties, loss};
 pub use minibatch::minibatch_gradient;
-pub use stage::{LearnError, LearnSettings, Learned, Observer, Progress, StageInput, learn_stage};
+pub use stage::{Interim, LearnError, LearnSettings, Learned, Observer, Progress, StageInput, learn_stage};

@@ -7,6 +7,7 @@ use serde::Serialize;
 
 use super::adam::clip_norm;
 use super::checkpoint::{Checkpoint, fingerprint};
+use super::evaluate::{Errors, drive_all};
 use super::loss::Penalties;
 use super::minibatch::minibatch_gradient;
 use super::order::{by_content, keyed, shuffle};
@@ -18,6 +19,9 @@ use crate::consolidation::{
 };
 use crate::driver::{Crew, DriverShape, Scaling};
 use crate::lstm::{Layout, initial_weights, kernel_name};
+
+/// Validation events driven between two looks at whether to stop.
+const VALIDATED_TOGETHER: usize = 64;
 
 /// Settings of the arithmetic, from the model's settings.
 #[derive(Debug, Clone, PartialEq)]
@@ -70,6 +74,8 @@ pub struct StageInput<'a> {
     pub memory: &'a [RegimeMemory],
     /// Training events at the model's step, in any order: they are put into order of content.
     pub train: &'a [Event],
+    /// Events to drive after every epoch, at the model's step. They tell how far learning is, and change nothing.
+    pub validation: &'a [Event],
 }
 
 /// How far a stage is.
@@ -89,10 +95,23 @@ pub struct Progress {
     pub events_per_s: f64,
 }
 
+/// How the network drives the validation events after an epoch.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Interim {
+    /// Epochs done.
+    pub epoch: u32,
+    /// Closed loop, with the weights of that moment.
+    pub errors: Errors,
+}
+
 /// What a stage tells while it runs, on the thread that called it.
 pub trait Observer {
     /// After every update. `false` stops the stage with [`LearnError::Stopped`].
     fn updated(&mut self, progress: &Progress) -> bool;
+    /// After every epoch, when there are validation events; and when a stage is resumed, what it told last.
+    fn evaluated(&mut self, interim: &Interim);
+    /// Asked on the way through the validation events; `true` stops the stage as [`Self::updated`] does.
+    fn wants_stop(&mut self) -> bool;
     /// Asked after every update: whether to be given a checkpoint now.
     fn wants_checkpoint(&mut self) -> bool;
     /// The checkpoint: opaque bytes for `resume`. Also given when the stage is stopped.
@@ -155,9 +174,13 @@ pub fn learn_stage(
     if train.is_empty() {
         return Err(LearnError::NoTrainingEvents);
     }
-    let mut stage = Stage::begin(input, &train, workers);
+    let validation: Vec<&Event> = input.validation.iter().filter(|event| event.steps() > horizon).collect();
+    let mut stage = Stage::begin(input, &train, &validation, workers);
     if let Some(bytes) = resume {
         stage.state = Checkpoint::from_bytes(bytes, &stage.fingerprint).map_err(LearnError::Checkpoint)?;
+    }
+    if let Some(interim) = &stage.state.interim {
+        observer.evaluated(interim);
     }
     while stage.state.epoch < input.settings.epochs {
         stage.epoch(observer)?;
@@ -169,6 +192,7 @@ pub fn learn_stage(
 struct Stage<'a> {
     input: &'a StageInput<'a>,
     train: &'a [&'a Event],
+    validation: &'a [&'a Event],
     crew: Crew<'a, f32>,
     scaling: Scaling,
     penalty: Option<(Penalty, f64)>,
@@ -183,7 +207,12 @@ struct Stage<'a> {
 }
 
 impl<'a> Stage<'a> {
-    fn begin(input: &'a StageInput<'a>, train: &'a [&'a Event], workers: &'a ThreadPool) -> Self {
+    fn begin(
+        input: &'a StageInput<'a>,
+        train: &'a [&'a Event],
+        validation: &'a [&'a Event],
+        workers: &'a ThreadPool,
+    ) -> Self {
         let settings = &input.settings;
         let layout = Layout { hidden: settings.shape.hidden };
         let weights = match (input.method, input.parent_weights) {
@@ -202,6 +231,7 @@ impl<'a> Stage<'a> {
         let fingerprint = fingerprint(input, train);
         Self {
             train,
+            validation,
             crew: Crew::new(settings.shape, workers),
             scaling: input.scaling.unwrap_or_else(|| Scaling::estimate(train)),
             penalty,
@@ -222,6 +252,7 @@ impl<'a> Stage<'a> {
         shuffle(&mut order, &mut keyed("order", settings.seed, self.input.stage, self.state.epoch));
         let minibatches: Vec<&[usize]> = order.chunks(settings.minibatch).collect();
         let updates = minibatches.len() as u64 * u64::from(settings.epochs);
+        let mut last = None;
         for minibatch in minibatches.iter().skip(self.state.minibatch as usize) {
             let began = Instant::now();
             let events: Vec<&Event> = minibatch.iter().map(|&i| self.train[i]).collect();
@@ -245,11 +276,43 @@ impl<'a> Stage<'a> {
             if !go_on {
                 return Err(LearnError::Stopped);
             }
+            last = Some(progress);
         }
-        self.end_epoch()
+        self.refuse_divergence()?;
+        self.validate(last.as_ref(), observer)?;
+        self.state.epoch += 1;
+        self.state.minibatch = 0;
+        self.state.epoch_loss = 0.0;
+        Ok(())
     }
 
-    fn end_epoch(&mut self) -> Result<(), LearnError> {
+    /// Drives the validation events with the weights as they are, which stay as they are. Stopped on the way, the stage has
+    /// lost nothing: resumed, it drives them again.
+    fn validate(&mut self, last: Option<&Progress>, observer: &mut dyn Observer) -> Result<(), LearnError> {
+        let began = Instant::now();
+        let mut errors = Errors::default();
+        for events in self.validation.chunks(VALIDATED_TOGETHER) {
+            if observer.wants_stop() {
+                // Without an update since the stage was resumed, its checkpoint is the one it was resumed from.
+                if let Some(progress) = last {
+                    observer.checkpoint(progress, self.state.to_bytes());
+                }
+                return Err(LearnError::Stopped);
+            }
+            let horizon = self.input.settings.shape.horizon;
+            errors += drive_all(&self.crew, horizon, &self.scaling, &self.state.weights, events);
+        }
+        if errors.events > 0 {
+            let interim = Interim { epoch: self.state.epoch + 1, errors };
+            self.state.interim = Some(interim);
+            observer.evaluated(&interim);
+        }
+        // Training events per second are those of training.
+        self.resumed_at += began.elapsed();
+        Ok(())
+    }
+
+    fn refuse_divergence(&self) -> Result<(), LearnError> {
         let mean_loss = self.state.epoch_loss / self.train.len() as f64;
         if mean_loss > self.loss_limit {
             let detail = format!(
@@ -259,9 +322,6 @@ impl<'a> Stage<'a> {
             );
             return Err(LearnError::Diverged { update: self.state.adam.updates, detail });
         }
-        self.state.epoch += 1;
-        self.state.minibatch = 0;
-        self.state.epoch_loss = 0.0;
         Ok(())
     }
 

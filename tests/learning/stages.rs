@@ -3,7 +3,9 @@
 use headway::car_following::{Event, TrafficRegime, TrafficSettings, generate};
 use headway::consolidation::{MasOutput, Method, PenaltyStep, RegimeMemory};
 use headway::driver::{DriverShape, Scaling};
-use headway::training::{LearnError, LearnSettings, Learned, Observer, Progress, StageInput, evaluate, learn_stage};
+use headway::training::{
+    Interim, LearnError, LearnSettings, Learned, Observer, Progress, StageInput, evaluate, learn_stage,
+};
 use rayon::ThreadPool;
 
 fn settings() -> LearnSettings {
@@ -39,12 +41,19 @@ struct StopAfter {
     updates: u64,
     state: Option<Vec<u8>>,
     penalties: Vec<f64>,
+    interims: Vec<Interim>,
 }
 
 impl Observer for StopAfter {
     fn updated(&mut self, progress: &Progress) -> bool {
         self.penalties.push(progress.penalty);
         progress.update < self.updates
+    }
+    fn evaluated(&mut self, interim: &Interim) {
+        self.interims.push(*interim);
+    }
+    fn wants_stop(&mut self) -> bool {
+        false
     }
     fn wants_checkpoint(&mut self) -> bool {
         false
@@ -55,7 +64,11 @@ impl Observer for StopAfter {
 }
 
 fn never() -> StopAfter {
-    StopAfter { updates: u64::MAX, state: None, penalties: Vec::new() }
+    after(u64::MAX)
+}
+
+fn after(updates: u64) -> StopAfter {
+    StopAfter { updates, state: None, penalties: Vec::new(), interims: Vec::new() }
 }
 
 /// A line of versions as a server would keep it.
@@ -102,6 +115,7 @@ impl Line {
             scaling: self.scaling,
             memory: &self.memory,
             train,
+            validation: &[],
         }
     }
 }
@@ -143,7 +157,7 @@ fn a_stage_resumed_anywhere_ends_with_the_same_bits() {
     let input = line.input(Method::Ewc, &settings, "slow", &slow);
     let undisturbed = learn_stage(&input, None, &workers(2), &mut never()).unwrap();
     for updates in 1..6 {
-        let mut observer = StopAfter { updates, state: None, penalties: Vec::new() };
+        let mut observer = after(updates);
         assert_eq!(learn_stage(&input, None, &workers(2), &mut observer), Err(LearnError::Stopped));
         let state = observer.state.expect("a stopped stage leaves a checkpoint");
         let resumed = learn_stage(&input, Some(&state), &workers(1), &mut never()).unwrap();
@@ -157,7 +171,7 @@ fn a_checkpoint_of_other_events_is_refused() {
     let (fast, slow) = (traffic(TrafficRegime::Fast, 10), traffic(TrafficRegime::Slow, 10));
     let line = Line::default();
     let settings = settings();
-    let mut observer = StopAfter { updates: 1, state: None, penalties: Vec::new() };
+    let mut observer = after(1);
     let input = line.input(Method::Ewc, &settings, "fast", &fast);
     assert_eq!(learn_stage(&input, None, &workers(1), &mut observer), Err(LearnError::Stopped));
     let other = line.input(Method::Ewc, &settings, "slow", &slow);
@@ -237,4 +251,71 @@ fn learning_lowers_the_error_on_events_not_seen() {
         errors.spacing_sq / errors.steps as f64
     };
     assert!(error(&learned) < 0.5 * error(&untouched), "{} against {}", error(&learned), error(&untouched));
+}
+
+#[test]
+fn interim_evaluations_tell_how_the_network_drives_and_change_no_bit() {
+    let mut train = traffic(TrafficRegime::Fast, 100);
+    let validation = train.split_off(20);
+    let line = Line::default();
+    let settings = LearnSettings { epochs: 3, ..settings() };
+    let without = line.input(Method::Ewc, &settings, "fast", &train);
+    let with = StageInput { validation: &validation, ..line.input(Method::Ewc, &settings, "fast", &train) };
+    let plain = learn_stage(&without, None, &workers(2), &mut never()).unwrap();
+    let mut observer = never();
+    let watched = learn_stage(&with, None, &workers(2), &mut observer).unwrap();
+    assert_eq!((&watched.weights, &watched.memory), (&plain.weights, &plain.memory));
+    assert_eq!(observer.interims.iter().map(|interim| interim.epoch).collect::<Vec<_>>(), [1, 2, 3]);
+    let last = observer.interims[2].errors;
+    let again = evaluate(settings.shape, &watched.scaling, &watched.weights, &validation, &workers(1));
+    assert_eq!((last.events, last.steps, last.collisions), (80, again.steps, again.collisions));
+    assert!((last.spacing_sq / again.spacing_sq - 1.0).abs() < 1e-12);
+
+    // Three minibatches an epoch: stopped at its end, after it, and within the next one.
+    for updates in 3..6 {
+        let mut stopped = after(updates);
+        assert_eq!(learn_stage(&with, None, &workers(1), &mut stopped), Err(LearnError::Stopped));
+        let mut resumed = never();
+        let learned = learn_stage(&with, stopped.state.as_deref(), &workers(3), &mut resumed).unwrap();
+        assert_eq!(learned.weights, plain.weights);
+        assert_eq!(resumed.interims, observer.interims, "stopped after update {updates}");
+    }
+}
+
+#[test]
+fn a_stage_stops_within_an_interim_evaluation_and_loses_nothing() {
+    /// Wants to stop once this many validation events may have been driven.
+    struct StopWithin(StopAfter, u32);
+
+    impl Observer for StopWithin {
+        fn updated(&mut self, progress: &Progress) -> bool {
+            self.0.updated(progress)
+        }
+        fn evaluated(&mut self, interim: &Interim) {
+            self.0.evaluated(interim);
+        }
+        fn wants_stop(&mut self) -> bool {
+            self.1 = self.1.saturating_sub(1);
+            self.1 == 0
+        }
+        fn wants_checkpoint(&mut self) -> bool {
+            false
+        }
+        fn checkpoint(&mut self, progress: &Progress, state: Vec<u8>) {
+            self.0.checkpoint(progress, state);
+        }
+    }
+
+    let mut train = traffic(TrafficRegime::Fast, 100);
+    let validation = train.split_off(20);
+    let line = Line::default();
+    let settings = settings();
+    let input = StageInput { validation: &validation, ..line.input(Method::Ewc, &settings, "fast", &train) };
+    let undisturbed = learn_stage(&input, None, &workers(1), &mut never()).unwrap();
+    let mut observer = StopWithin(never(), 2);
+    assert_eq!(learn_stage(&input, None, &workers(1), &mut observer), Err(LearnError::Stopped));
+    assert!(observer.0.interims.is_empty() && observer.0.penalties.len() == 3);
+    let mut resumed = never();
+    let learned = learn_stage(&input, observer.0.state.as_deref(), &workers(1), &mut resumed).unwrap();
+    assert_eq!((learned.weights, resumed.interims.len()), (undisturbed.weights, 2));
 }

@@ -152,33 +152,61 @@ async fn a_task_asked_for_again_under_its_key_is_made_once() {
     server.stop().await;
 }
 
-#[tokio::test]
-async fn progress_is_streamed_until_the_end() {
-    let server = Server::start_with("[model]\nepochs = 30\n[server]\nprogress_interval_s = 0.01").await;
-    server.upload("default", "", &events("e", 16, 10.0)).await.expect(201);
+/// A task's stream to its end, which begins before the task does: name and data of each event.
+async fn streamed(server: &Server, uploaded: &[Value]) -> Vec<(String, Value)> {
+    server.post("/v1/models/default/pause", &json!({})).await.expect(200);
+    server.upload("default", "?regime=fast", uploaded).await.expect(201);
     server.post(TASKS, &json!({"batches": "pending"})).await.expect(202);
     let response = server.request(Method::GET, &format!("{TASKS}/t1/progress")).send().await.unwrap();
     assert_eq!(response.headers()["content-type"], "text/event-stream");
+    server.post("/v1/models/default/resume", &json!({})).await.expect(200);
     let mut stream = response.bytes_stream();
     let mut text = String::new();
     while let Some(chunk) = stream.next().await {
         text += std::str::from_utf8(&chunk.unwrap()).unwrap();
     }
-    let data = |name: &str| -> Vec<Value> {
-        let marked = format!("event: {name}\ndata: ");
-        text.split("\n\n")
-            .filter_map(|event| event.strip_prefix(&marked))
-            .map(|data| serde_json::from_str(data).unwrap())
-            .collect()
+    let named = |event: &str| {
+        let (name, data) = event.strip_prefix("event: ")?.split_once("\ndata: ")?;
+        Some((name.to_owned(), serde_json::from_str(data).unwrap()))
     };
-    let tasks = data("task");
-    for task in &tasks {
-        contract::check_schema("Task", task);
+    text.split("\n\n").filter_map(named).collect()
+}
+
+#[tokio::test]
+async fn progress_is_streamed_until_the_end() {
+    let server = Server::start_with("[model]\nepochs = 60\n[server]\nprogress_interval_s = 0.01").await;
+    let events = streamed(&server, &events("e", 16, 10.0)).await;
+    for (name, data) in &events {
+        contract::check_schema(if name == "task" { "Task" } else { "Progress" }, data);
     }
-    assert_eq!(tasks.last().unwrap()["state"], "succeeded", "{text}");
-    let progress = data("progress");
-    assert!(progress.iter().all(|p| p["updates"].as_u64() >= p["update"].as_u64() && p["loss"].is_number()), "{text}");
+    let (name, last) = events.last().unwrap();
+    assert_eq!((name.as_str(), &last["state"]), ("task", &json!("succeeded")));
+    let progress: Vec<_> = events.iter().filter(|(name, _)| name == "progress").map(|(_, data)| data).collect();
     assert!(progress.is_sorted_by_key(|p| p["update"].as_u64()));
+    assert_eq!(progress.last().unwrap()["update"], 120, "the last of it comes before the end");
+    assert!(progress.iter().all(|p| p["interim"].is_null()), "there are no validation events");
+    server.stop().await;
+}
+
+#[tokio::test]
+async fn progress_tells_how_the_network_drives_validation_events_after_each_epoch() {
+    let server =
+        Server::start_with("[model]\nepochs = 60\ntest_reservoir = 4\n[server]\nprogress_interval_s = 0.01").await;
+    let mut uploaded = events("e", 16, 10.0);
+    for event in &mut uploaded[..6] {
+        event["split"] = json!("validation");
+    }
+    let events = streamed(&server, &uploaded).await;
+    let progress: Vec<_> = events.iter().filter(|(name, _)| name == "progress").map(|(_, data)| data).collect();
+    for progress in &progress {
+        contract::check_schema("Progress", progress);
+        let epoch = progress["epoch"].as_u64().unwrap();
+        let done = progress["interim"]["epoch"].as_u64().unwrap_or(0);
+        assert!(done == epoch || done + 1 == epoch, "{progress}");
+    }
+    let last = &progress.last().unwrap()["interim"];
+    assert_eq!((&last["epoch"], &last["regime"], &last["events"]), (&json!(60), &json!("fast"), &json!(4)));
+    assert!(last["spacing_mse"].as_f64().unwrap() > 0.0 && last["collision_rate_percent"].is_number());
     server.stop().await;
 }
 
