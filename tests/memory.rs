@@ -2,6 +2,7 @@
 //!
 //! Small by default. As large as promised, and with the default network:
 //! `HEADWAY_MEMORY_EVENTS=20000 HEADWAY_MEMORY_BODY_BYTES=1100000000 cargo test --release --test memory -- --nocapture --test-threads 1`.
+//! `HEADWAY_MEMORY_STEPS` sets the length of the events to train on, `HEADWAY_MEMORY_THREADS` the threads.
 
 #![allow(clippy::unwrap_used, reason = "what a test expects, said in the shortest way")]
 #![allow(clippy::print_stdout, reason = "a test tells its seed and what it measured")]
@@ -19,7 +20,7 @@ use process::{Home, Process};
 use reqwest::{Body, Method};
 use serde_json::{Value, json};
 
-const STEPS: u32 = 150;
+const STEPS: u64 = 150;
 const BATCHES: &str = "/v1/models/default/batches?regime=fast";
 const MIB: u64 = 1 << 20;
 
@@ -39,12 +40,13 @@ fn peak(process: &Process) -> Option<u64> {
 }
 
 /// One event as a line, with the digits and blanks of Python's `json.dumps`; other numbers give other events.
-fn line(number: u64) -> String {
+fn line(number: u64, steps: u64) -> String {
     #[expect(clippy::cast_precision_loss, reason = "small")]
     let phase = number as f64 * 0.7;
-    let wave = |step: u32, phase: f64| 14.0 + (0.1 * f64::from(step) + phase).sin();
-    let leader: Vec<f64> = (0..STEPS).map(|step| wave(step, phase)).collect();
-    let follower: Vec<f64> = (0..STEPS).map(|step| wave(step, phase - 0.6)).collect();
+    #[expect(clippy::cast_precision_loss, reason = "small")]
+    let wave = |step: u64, phase: f64| 14.0 + (0.1 * step as f64 + phase).sin();
+    let leader: Vec<f64> = (0..steps).map(|step| wave(step, phase)).collect();
+    let follower: Vec<f64> = (0..steps).map(|step| wave(step, phase - 0.6)).collect();
     let mut spacing = vec![20.0 + phase % 3.0];
     for (leader, follower) in leader.windows(2).zip(follower.windows(2)) {
         let closing = f64::midpoint(leader[0], leader[1]) - f64::midpoint(follower[0], follower[1]);
@@ -59,11 +61,11 @@ fn line(number: u64) -> String {
 }
 
 /// Some lines at a time, so that the client holds nothing either.
-fn parts(first: u64, events: u64) -> impl Iterator<Item = Vec<u8>> {
+fn parts(first: u64, events: u64, steps: u64) -> impl Iterator<Item = Vec<u8>> {
     const AT_ONCE: u64 = 50;
-    (first..first + events)
-        .step_by(50)
-        .map(move |from| (from..(from + AT_ONCE).min(first + events)).map(line).collect::<String>().into_bytes())
+    (first..first + events).step_by(50).map(move |from| {
+        (from..(from + AT_ONCE).min(first + events)).map(|number| line(number, steps)).collect::<String>().into_bytes()
+    })
 }
 
 /// A gzip body may have several members.
@@ -86,13 +88,16 @@ async fn uploading_events_and_training_on_them_does_not_hold_them_several_times_
     let small = ["model.hidden=6", "model.horizon=5"];
     let network = if promised.is_some() { &[][..] } else { &small };
     let settings = ["model.schedule=manual", "model.epochs=1", "log.filter=warn"];
-    let home = Home::new(&[&settings[..], &["training.training_threads=1"], network].concat());
+    let (steps, threads) =
+        (variable("HEADWAY_MEMORY_STEPS").unwrap_or(STEPS), variable("HEADWAY_MEMORY_THREADS").unwrap_or(1));
+    let threaded = format!("training.training_threads={threads}");
+    let home = Home::new(&[&settings[..], &[&threaded], network].concat());
     let process = home.start();
     let Some(idle) = peak(&process) else { return };
     let half = events / 2;
-    let mut accepted = upload(&process, "identity", parts(0, half)).await["accepted"].as_u64().unwrap();
+    let mut accepted = upload(&process, "identity", parts(0, half, steps)).await["accepted"].as_u64().unwrap();
     let plain = peak(&process).unwrap();
-    accepted += upload(&process, "gzip", parts(half, events - half).map(|part| gzip(&part))).await["accepted"]
+    accepted += upload(&process, "gzip", parts(half, events - half, steps).map(|part| gzip(&part))).await["accepted"]
         .as_u64()
         .unwrap();
     assert_eq!(accepted, events);
@@ -102,16 +107,16 @@ async fn uploading_events_and_training_on_them_does_not_hold_them_several_times_
     assert_eq!(ended["state"], "succeeded", "{ended}");
     let trained = peak(&process).unwrap();
     println!(
-        "{events} events of {STEPS} steps: {} MiB idle, {} after the first half as plain NDJSON, {} after the second \
+        "{events} events of {steps} steps, {threads} threads: {} MiB idle, {} after the first half as plain NDJSON, {} after the second \
          with gzip, {} after training",
         idle / MIB,
         plain / MIB,
         uploaded / MIB,
         trained / MIB
     );
-    // Three times what is stored, and what does not grow with it: caches, and the network's states on two threads.
-    let stored = events * u64::from(STEPS) * 12;
-    let fixed = if promised.is_some() { 512 } else { 24 };
+    // Three times what is stored, and what does not grow with it: caches, and the network's states on each thread.
+    let stored = events * steps * 12;
+    let fixed = if promised.is_some() { 64 + 200 * threads } else { 24 };
     assert!(trained - idle < 3 * stored + fixed * MIB, "{stored} bytes of events are held several times over");
     assert!(trained < 1024 * MIB);
 }
@@ -125,9 +130,9 @@ async fn a_long_upload_takes_no_more_memory_than_a_short_one() {
     let home = Home::new(&[&["model.schedule=manual", "log.filter=warn"][..], buffer].concat());
     let process = home.start();
     let Some(idle) = peak(&process) else { return };
-    let events = bytes.div_ceil(line(1000).len() as u64);
+    let events = bytes.div_ceil(line(1000, STEPS).len() as u64);
     let began = std::time::Instant::now();
-    let answer = upload(&process, "identity", parts(0, events)).await;
+    let answer = upload(&process, "identity", parts(0, events, STEPS)).await;
     assert_eq!(answer["accepted"], events, "{}", answer["rejected"][0]);
     let batch = process.get("/v1/models/default/batches/b1").await;
     let uploaded = peak(&process).unwrap();

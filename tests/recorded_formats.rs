@@ -11,7 +11,7 @@ use std::path::PathBuf;
 use headway::car_following::{CheckSettings, Conversion, Event, Target};
 use headway::formats::{BodyKind, Encoding, Format, FormatLimits, Preset, RawEvent, decode};
 
-const TARGET: Target = Target { dt_s: 0.1, min_steps: 12 };
+const TARGET: Target = Target { dt_s: 0.1, min_steps: 12, max_steps: 6000 };
 
 fn recorded(name: &str) -> Option<File> {
     let folder =

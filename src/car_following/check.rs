@@ -36,7 +36,7 @@ impl CheckSettings {
         let spacing: Vec<f64> = recording.spacing_m.iter().map(|s| s - excess_m).collect();
         let follower: Vec<f64> = recording.follower_speed_mps.iter().copied().map(forward).collect();
         let leader: Vec<f64> = recording.leader_speed_mps.iter().copied().map(forward).collect();
-        enough_steps(spacing.len(), dt_s, target, &mut defects);
+        fitting_steps(spacing.len(), dt_s, target, &mut defects);
         self.accelerations(FOLLOWER, &follower, dt_s, &mut defects);
         self.accelerations(LEADER, &leader, dt_s, &mut defects);
         self.spacing_changes(&spacing, &follower, &leader, dt_s, &mut defects);
@@ -240,15 +240,15 @@ fn lengths(recording: &Recording, defects: &mut Vec<Defect>) {
     }
 }
 
-fn enough_steps(steps: usize, dt_s: f64, target: &Target, defects: &mut Vec<Defect>) {
+fn fitting_steps(steps: usize, dt_s: f64, target: &Target, defects: &mut Vec<Defect>) {
     let at_target = resampled_steps(steps, dt_s, target.dt_s);
-    if at_target < target.min_steps {
-        let detail = format!(
-            "{steps} steps of {dt_s} s are {at_target} of the model's {} s; it needs {}",
-            target.dt_s, target.min_steps
-        );
-        defects.push(Defect::new(None, None, "too_short", detail));
-    }
+    let (code, wanted) = match at_target {
+        few if few < target.min_steps => ("too_short", format!("it needs {}", target.min_steps)),
+        many if many > target.max_steps => ("too_many_steps", format!("at most {} are taken", target.max_steps)),
+        _ => return,
+    };
+    let detail = format!("{steps} steps of {dt_s} s are {at_target} of the model's {} s; {wanted}", target.dt_s);
+    defects.push(Defect::new(None, None, code, detail));
 }
 
 #[cfg(test)]

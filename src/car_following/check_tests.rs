@@ -3,7 +3,7 @@ use proptest::prelude::*;
 use super::*;
 use crate::car_following::SpacingDefinition;
 
-const TARGET: Target = Target { dt_s: 0.1, min_steps: 12 };
+const TARGET: Target = Target { dt_s: 0.1, min_steps: 12, max_steps: 6000 };
 
 /// A leader at 10 m/s, a follower at 9: the gap opens by 0.1 m a step.
 fn steady(steps: usize) -> Recording {
@@ -30,6 +30,20 @@ fn a_plain_recording_is_an_event() {
     let event = check(&steady(30)).unwrap();
     assert_eq!((event.steps(), event.dt_s()), (30, 0.1));
     assert_eq!(event.spacing_m()[1], 20.1_f32);
+}
+
+#[test]
+fn an_event_is_as_long_as_it_is_at_the_models_step() {
+    let slow = |steps| {
+        let mut recording = steady(0);
+        recording.dt_s = Some(1.0);
+        recording.spacing_m = (0..steps).map(|k| 20.0 + 0.1 * f64::from(k)).collect();
+        recording.follower_speed_mps = vec![9.9; recording.spacing_m.len()];
+        recording.leader_speed_mps = vec![10.0; recording.spacing_m.len()];
+        recording
+    };
+    assert_eq!(check(&slow(600)).unwrap().steps(), 600);
+    assert_eq!(codes(&slow(601)), [("too_many_steps", None)], "601 of 1 s are 6,001 of 0.1 s");
 }
 
 #[test]

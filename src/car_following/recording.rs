@@ -65,6 +65,8 @@ pub struct Target {
     pub dt_s: f64,
     /// Steps it needs at least, at that step.
     pub min_steps: usize,
+    /// Steps it has memory for.
+    pub max_steps: usize,
 }
 
 /// Why a recording is not an event.

@@ -23,7 +23,7 @@ impl Default for FormatLimits {
         Self {
             max_decompressed_bytes: 8 << 30,
             max_event_bytes: 16 << 20,
-            max_steps: 36_000,
+            max_steps: 6000,
             max_events: 500_000,
             max_text_bytes: 512,
         }

@@ -38,7 +38,8 @@ pub(super) fn run(
     let kind = BodyKind { format: upload.format, encoding: upload.encoding, preset: upload.options.preset };
     let model = &upload.model;
     // A window, a step to predict and one to compare with.
-    let target = Target { dt_s: model.dt_s, min_steps: model.horizon as usize + 2 };
+    let (min_steps, max_steps) = (model.horizon as usize + 2, limits.max_steps as usize);
+    let target = Target { dt_s: model.dt_s, min_steps, max_steps };
     let (source, regime) = (upload.options.source.as_deref(), upload.options.regime.as_ref());
     decode(upload.body.file, kind, limits, &mut |decoded| {
         let arrival = match decoded {

@@ -22,5 +22,5 @@ mod verdict;
 pub use handle::Scheduler;
 pub use learner::{Learner, Training};
 pub use running::TaskProgress;
-pub use settings::SchedulerSettings;
+pub use settings::{MOST_THREADS, SchedulerSettings};
 pub use tick::TickOutcome;

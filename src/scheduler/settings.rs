@@ -4,13 +4,22 @@ use std::ops::RangeInclusive;
 
 use serde::{Deserialize, Serialize};
 
+/// Threads that train unless somebody asks for more. Each holds the network's states of the events it drives, and an update
+/// of 32 events is two pieces of 16: more threads would take memory and wait.
+pub const MOST_THREADS: usize = 4;
+
+/// Half of the cores, so that the rest serves.
+fn threads_for(cores: usize) -> usize {
+    (cores / 2).clamp(1, MOST_THREADS)
+}
+
 /// How much trains at once, and how often what is looked at.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SchedulerSettings {
     /// Tasks that run at once, of different models.
     pub parallel_tasks: usize,
-    /// Threads that train, shared by these; 0 takes half of the cores.
+    /// Threads that train, shared by these; 0 takes half of the cores, at most [`MOST_THREADS`].
     pub training_threads: usize,
     /// A running task saves a checkpoint this often, s.
     pub checkpoint_s: f64,
@@ -25,7 +34,7 @@ impl SchedulerSettings {
     #[must_use]
     pub fn threads(&self) -> usize {
         match self.training_threads {
-            0 => std::thread::available_parallelism().map_or(1, |cores| (cores.get() / 2).max(1)),
+            0 => threads_for(std::thread::available_parallelism().map_or(1, usize::from)),
             threads => threads,
         }
     }
@@ -40,5 +49,15 @@ impl SchedulerSettings {
             ("trigger_interval_s", self.trigger_interval_s, 0.01..=3600.0),
             ("max_crashes", self.max_crashes.into(), 0.0..=1e6),
         ]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn many_cores_do_not_mean_many_states_in_memory() {
+        assert_eq!([1, 2, 4, 6, 8, 128].map(threads_for), [1, 1, 2, 3, 4, 4]);
     }
 }

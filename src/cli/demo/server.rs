@@ -12,6 +12,7 @@ use tokio::task::JoinHandle;
 use super::DemoArguments;
 use crate::app;
 use crate::config::{Config, Layer};
+use crate::scheduler::MOST_THREADS;
 
 /// Where a server listens that is not told where.
 const USUAL: &str = "127.0.0.1:8080";
@@ -98,10 +99,10 @@ fn refuse_existing(path: &Path) -> anyhow::Result<()> {
 /// The settings of every server, but that nothing else here wants the processor, and that the log is for trouble.
 fn config(listen: Option<SocketAddr>, database: &Path) -> anyhow::Result<Config> {
     let database = database.to_str().context("--database: the path is not UTF-8")?;
-    let cores = std::thread::available_parallelism().map_or(1, usize::from);
+    let threads = std::thread::available_parallelism().map_or(1, usize::from).min(MOST_THREADS);
     let mut layers = vec![
         Layer::string("--database", "database.path", database),
-        Layer::one("headway demo", "training.training_threads", &cores.to_string()),
+        Layer::one("headway demo", "training.training_threads", &threads.to_string()),
         Layer::string("headway demo", "log.filter", "warn"),
     ];
     if let Some(address) = listen {
