@@ -13,6 +13,7 @@ use super::answer::Answer;
 use super::body::JsonBody;
 use super::etag::etag;
 use super::idempotency::Repeatable;
+use super::object::Object;
 use super::path::ModelAt;
 use super::problem::{Code, Problem};
 use super::query::Page;
@@ -28,7 +29,16 @@ pub(super) struct NewModel {
     method: Method,
     #[serde(default)]
     settings: Value,
-    from: Option<Value>,
+    from: Option<Object<Origin>>,
+}
+
+/// The version a fork starts from.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+#[expect(dead_code, reason = "read to be refused for what is wrong with it, until forks are there")]
+struct Origin {
+    model: ModelName,
+    version: i64,
 }
 
 fn body(model: &Model) -> Value {

@@ -145,6 +145,10 @@ impl ModelSettings {
                 let known: Vec<_> = resolved.keys().map(String::as_str).collect();
                 return Err(SettingsError::invalid(name, &format!("unknown; known are {}", known.join(", "))));
             }
+            if value.is_array() {
+                // Left to itself serde takes an array of a struct's fields in their order.
+                return Err(SettingsError::invalid(name, "no setting is an array"));
+            }
             let mut one = serde_json::to_value(Self::default()).expect("settings are plain data");
             one[name] = value.clone();
             // Alone in the defaults, so that the message can name the setting.
@@ -245,6 +249,8 @@ mod tests {
             (json!({"horizon": 1}), "horizon"),
             (json!({"learning_rate": -1.0}), "learning_rate"),
             (json!({"regimes": {"by": "mean_speed_mps", "edges": [2.0, 1.0]}}), "regimes"),
+            (json!({"regimes": ["mean_speed_mps", [1.0, 2.0]]}), "regimes"),
+            (json!({"schedule": [5, 10]}), "schedule"),
             (json!({"memory": "carried"}), "memory"),
             (json!([1]), ""),
         ] {

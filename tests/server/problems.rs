@@ -41,6 +41,11 @@ async fn bodies_are_refused_for_what_is_wrong_with_them() {
     assert_eq!(name.expect_problem(422, "invalid_body")["errors"][0]["pointer"], "/model");
     let array = post("application/json", r#"["a", "ewc"]"#).await.expect_problem(422, "invalid_body");
     assert_eq!(array["errors"][0]["pointer"], "");
+    let nested = post("application/json", r#"{"model": "a", "method": "ewc", "from": ["default", 1]}"#).await;
+    assert_eq!(nested.expect_problem(422, "invalid_body")["errors"][0]["pointer"], "/from");
+    let bands = r#"{"model": "a", "method": "ewc", "settings": {"regimes": ["mean_speed_mps", [9.0]]}}"#;
+    let nested = post("application/json", bands).await.expect_problem(422, "invalid_settings");
+    assert_eq!(nested["errors"][0]["pointer"], "/settings/regimes");
     let bare = server.send(server.request(Method::POST, "/v1/models").body("{}")).await;
     bare.expect_problem(415, "unsupported_media_type");
     server.stop().await;
