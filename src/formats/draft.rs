@@ -17,6 +17,8 @@ pub(super) struct Draft {
     pub(super) run: Option<String>,
     pub(super) split: Option<Split>,
     pub(super) recording: Recording,
+    /// The field, and the step of it, that is being read.
+    pub(super) reading: (Option<&'static str>, Option<usize>),
     flaws: Vec<Flaw>,
 }
 

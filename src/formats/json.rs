@@ -4,10 +4,11 @@ use std::fmt;
 use std::io::BufRead;
 
 use serde::de::{DeserializeSeed, Deserializer, Error as _, MapAccess, SeqAccess, Visitor};
+use serde_json::value::RawValue;
 
 use super::FormatError;
-use super::draft::{Draft, shortened};
-use super::json_event::EventSeed;
+use super::draft::shortened;
+use super::json_event::read;
 use super::output::Output;
 use super::raw::Origin;
 use super::source::Budget;
@@ -111,11 +112,9 @@ impl<'de> Visitor<'de> for Events<'_, '_, '_> {
         let Self { budget, output, failure } = self;
         loop {
             budget.next_event();
-            let mut draft = Draft::default();
-            let limits = output.limits;
-            if seq.next_element_seed(EventSeed { draft: &mut draft, limits })?.is_none() {
-                return Ok(());
-            }
+            // As text first: what cannot be read in it is wrong with the event, not with the document.
+            let Some(text) = seq.next_element::<Box<RawValue>>()? else { return Ok(()) };
+            let (draft, _) = read(text.get().as_bytes(), output.limits, "malformed_event");
             let origin = Origin::Element(output.next());
             if let Err(error) = output.put(draft, origin) {
                 *failure = Some(error);

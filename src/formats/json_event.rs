@@ -20,10 +20,31 @@ const FIELDS: [&str; 9] = [
     "rel_speed_mps",
 ];
 
+/// The event that `text` is. Where it is no JSON, a draft of that flaw alone, with `code`, and of the id if it was read:
+/// what else was read may be wrong in ways that follow from this.
+pub(super) fn read(text: &[u8], limits: &FormatLimits, code: &'static str) -> (Draft, Option<serde_json::Error>) {
+    let mut draft = Draft::default();
+    let mut deserializer = serde_json::Deserializer::from_slice(text);
+    let read = EventSeed { draft: &mut draft, limits }.deserialize(&mut deserializer);
+    let Err(error) = read.and_then(|()| deserializer.end()) else { return (draft, None) };
+    let mut refused = Draft::default();
+    refused.event_id = draft.event_id.take();
+    match draft.reading {
+        // serde_json takes a number beyond any 64-bit float for a fault of syntax.
+        (Some(field), step) if error.to_string().starts_with("number out of range") => {
+            let at = step.map_or_else(String::new, |step| format!(" at step {step}"));
+            let detail = || format!("{field}{at} is beyond the range of 64-bit numbers");
+            refused.flaw(Cow::from(field), step, "not_finite", detail);
+        }
+        _ => refused.flaw(None, None, code, || format!("column {}: {error}", error.column())),
+    }
+    (refused, Some(error))
+}
+
 /// Reads one event into a draft. Only malformed JSON is an error.
-pub(super) struct EventSeed<'a> {
-    pub(super) draft: &'a mut Draft,
-    pub(super) limits: &'a FormatLimits,
+struct EventSeed<'a> {
+    draft: &'a mut Draft,
+    limits: &'a FormatLimits,
 }
 
 impl<'de> DeserializeSeed<'de> for EventSeed<'_> {
@@ -57,6 +78,7 @@ impl EventFields<'_> {
                 continue;
             };
             let field = FIELDS[position];
+            draft.reading = (Some(field), None);
             if std::mem::replace(&mut seen[position], true) {
                 draft.flaw(Cow::from(field), None, "duplicate_field", || format!("{field} is there twice"));
                 map.next_value::<IgnoredAny>()?;
@@ -128,8 +150,10 @@ impl Numbers<'_> {
         let Self { draft, limits, field } = self;
         let max_steps = limits.max_steps as usize;
         let mut values = Vec::new();
-        while let Some(leaf) = seq.next_element::<Leaf<'de>>()? {
+        loop {
             let step = values.len();
+            draft.reading = (Some(field), Some(step));
+            let Some(leaf) = seq.next_element::<Leaf<'de>>()? else { break };
             if step == max_steps {
                 draft.flaw(Cow::from(field), step, "too_many_steps", || {
                     format!("{field} has more than {max_steps} steps")

@@ -2,11 +2,8 @@
 
 use std::io::BufRead;
 
-use serde::de::DeserializeSeed;
-
 use super::FormatError;
-use super::draft::Draft;
-use super::json_event::EventSeed;
+use super::json_event::read;
 use super::output::Output;
 use super::raw::Origin;
 use super::source::Budget;
@@ -27,20 +24,9 @@ pub(super) fn decode(
         if line.trim_ascii().is_empty() {
             continue;
         }
-        let mut draft = Draft::default();
-        let mut deserializer = serde_json::Deserializer::from_slice(&line);
-        let read = EventSeed { draft: &mut draft, limits: output.limits }
-            .deserialize(&mut deserializer)
-            .and_then(|()| deserializer.end());
-        if let Err(error) = read {
-            if error.is_eof() && line.last() != Some(&b'\n') {
-                return Err(FormatError::Truncated { detail: format!("line {number} ends within an event") });
-            }
-            // What was read of it may be wrong in ways that follow from this.
-            let mut refused = Draft::default();
-            refused.event_id = draft.event_id;
-            draft = refused;
-            draft.flaw(None, None, "malformed_line", || format!("column {}: {error}", error.column()));
+        let (draft, error) = read(&line, output.limits, "malformed_line");
+        if error.is_some_and(|error| error.is_eof()) && line.last() != Some(&b'\n') {
+            return Err(FormatError::Truncated { detail: format!("line {number} ends within an event") });
         }
         output.put(draft, Origin::Line(number))?;
     }

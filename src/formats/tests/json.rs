@@ -29,6 +29,9 @@ fn a_bad_event_is_refused_by_pointer_and_the_next_one_read() {
     bad(&GOOD.replace("\"run\"", "\"lane/x\""), "/events/0/lane~1x", "unknown_field");
     bad(&GOOD.replace("\"run\"", "\"source\""), "/events/0/source", "duplicate_field");
     bad(&GOOD.replace("20.5", "null"), "/events/0/spacing_m/1", "wrong_type");
+    bad(&GOOD.replace("20.5", "1e999"), "/events/0/spacing_m/1", "not_finite");
+    bad(&GOOD.replace("0.1", "-1e999"), "/events/0/dt_s", "not_finite");
+    bad(&GOOD.replace("\"s\"", "\"\\ud800\""), "/events/0", "malformed_event");
     bad(&GOOD.replace("20.5", "\"20.5\""), "/events/0/spacing_m/1", "wrong_type");
     bad(&GOOD.replace("20.5", "[20.5]"), "/events/0/spacing_m/1", "wrong_type");
     bad(&GOOD.replace("[20, 20.5]", "{\"a\": [1]}"), "/events/0/spacing_m", "wrong_type");
@@ -88,6 +91,14 @@ fn a_malformed_line_is_refused_and_the_next_one_read() {
     assert_eq!(reasons(&rejections), lines);
     assert_eq!(rejections[0].event_id.as_deref(), Some("b"));
     assert_eq!(rejections.iter().map(|r| r.index).collect::<Vec<_>>(), [1, 2, 3]);
+}
+
+#[test]
+fn a_number_beyond_every_range_refuses_its_line() {
+    let body = format!("{}\n{}\n", line(GOOD).replace("6e0", "6e400"), line(GOOD));
+    let (events, rejections) = decoded(body, Format::Ndjson).unwrap();
+    assert_eq!((events.len(), reasons(&rejections)), (1, vec![("1".to_owned(), "not_finite")]));
+    assert_eq!(rejections[0].detail, "leader_speed_mps at step 1 is beyond the range of 64-bit numbers");
 }
 
 #[test]
