@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use super::error::JobError;
 use super::handle::Scheduler;
 use super::observer::JobObserver;
 use super::running::{Running, StopReason};
@@ -11,41 +12,6 @@ use crate::lineage::{Task, TaskError};
 use crate::store::outcome::{self, Finished, Overtaken};
 use crate::store::{StoreError, task};
 use crate::training::{LearnError, Learned};
-
-/// Why a job wrote no version.
-#[derive(Debug, thiserror::Error)]
-pub(super) enum JobError {
-    /// The task was asked to stop.
-    #[error("stopped")]
-    Stopped,
-    /// Its client is told why.
-    #[error("{}", .0.detail)]
-    Failed(TaskError),
-    /// The store failed.
-    #[error(transparent)]
-    Store(#[from] StoreError),
-    /// A bug.
-    #[error("panicked: {0}")]
-    Panicked(String),
-}
-
-impl From<LearnError> for JobError {
-    fn from(error: LearnError) -> Self {
-        let code = match &error {
-            LearnError::Stopped => return Self::Stopped,
-            LearnError::NoTrainingEvents => "no_training_events",
-            LearnError::Diverged { .. } => "diverged",
-            LearnError::Checkpoint(detail) => return StoreError::malformed("checkpoint", detail).into(),
-        };
-        Self::Failed(TaskError { code: code.to_owned(), detail: error.to_string() })
-    }
-}
-
-impl From<tokio::task::JoinError> for JobError {
-    fn from(error: tokio::task::JoinError) -> Self {
-        Self::Panicked(error.to_string())
-    }
-}
 
 /// Runs a started task and sees to it that it ends, whatever happens.
 pub(super) async fn supervise(scheduler: Scheduler, task: Task, running: Running) {

@@ -5,6 +5,7 @@
 //! [`tick`](crate::scheduler::Scheduler::tick) is one turn, which a test can make by hand;
 //! [`run`](crate::scheduler::Scheduler::run) makes them for the server.
 
+mod error;
 mod handle;
 mod importance;
 mod job;

@@ -2,7 +2,7 @@
 
 use sha2::{Digest, Sha256};
 
-use super::job::JobError;
+use super::error::JobError;
 use crate::car_following::Event;
 use crate::consolidation::{Method, RegimeMemory};
 use crate::driver::Scaling;

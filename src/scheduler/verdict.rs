@@ -2,9 +2,9 @@
 
 use std::sync::Arc;
 
+use super::error::JobError;
 use super::handle::Scheduler;
 use super::importance;
-use super::job::JobError;
 use super::stage::{Known, Stage, at_step};
 use crate::car_following::Event;
 use crate::driver::{DriverShape, Scaling};

@@ -4,7 +4,8 @@ use sha2::{Digest, Sha256};
 
 use super::adam::Adam;
 use super::evaluate::Errors;
-use super::stage::{Interim, StageInput};
+use super::input::StageInput;
+use super::observer::Interim;
 use crate::car_following::Event;
 
 const MAGIC: &[u8; 8] = b"HWCKPT02";

@@ -3,14 +3,20 @@
 mod adam;
 mod checkpoint;
 mod evaluate;
+mod input;
+mod learned;
 mod loss;
 mod minibatch;
+mod observer;
 mod order;
 mod sanity;
 mod stage;
 
 pub use adam::{Adam, clip_norm};
 pub use evaluate::{Errors, evaluate};
+pub use input::{LearnSettings, StageInput};
+pub use learned::{LearnError, Learned};
 pub use loss::{Penalties, loss};
 pub use minibatch::minibatch_gradient;
-pub use stage::{Interim, LearnError, LearnSettings, Learned, Observer, Progress, StageInput, learn_stage};
+pub use observer::{Interim, Observer, Progress};
+pub use stage::learn_stage;

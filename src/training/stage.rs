@@ -3,161 +3,26 @@
 use std::time::Instant;
 
 use rayon::ThreadPool;
-use serde::Serialize;
 
 use super::adam::clip_norm;
 use super::checkpoint::{Checkpoint, fingerprint};
 use super::evaluate::{Errors, drive_all};
+use super::input::{LearnSettings, StageInput};
+use super::learned::{LearnError, Learned};
 use super::loss::Penalties;
 use super::minibatch::minibatch_gradient;
+use super::observer::{Interim, Observer, Progress};
 use super::order::{by_content, keyed, shuffle};
 use super::sanity::coasting_loss;
 use crate::car_following::Event;
 use crate::consolidation::{
-    Accumulation, MasOutput, Method, Penalty, PenaltyStep, RegimeMemory, default_accumulation, default_strength,
-    importance, lambda,
+    Method, Penalty, PenaltyStep, RegimeMemory, default_accumulation, default_strength, importance, lambda,
 };
-use crate::driver::{Crew, DriverShape, Scaling};
+use crate::driver::{Crew, Scaling};
 use crate::lstm::{Layout, initial_weights, kernel_name};
 
 /// Validation events driven between two looks at whether to stop.
 const VALIDATED_TOGETHER: usize = 64;
-
-/// Settings of the arithmetic, from the model's settings.
-#[derive(Debug, Clone, PartialEq)]
-pub struct LearnSettings {
-    /// Hidden units, horizon, step, acceleration limit.
-    pub shape: DriverShape,
-    /// Passes.
-    pub epochs: u32,
-    /// Events per update.
-    pub minibatch: usize,
-    /// Adam's.
-    pub learning_rate: f32,
-    /// Global norm.
-    pub clip_norm: f32,
-    /// Weight of mean relu(min(margin, s*) − s).
-    pub collision_penalty: f32,
-    /// Weight of mean relu(−v).
-    pub backward_penalty: f32,
-    /// The margin in the collision penalty, m.
-    pub collision_margin_m: f32,
-    /// Null takes the method's default.
-    pub strength: Option<f64>,
-    /// Wins over strength.
-    pub lambda: Option<f64>,
-    /// Which gradient MAS takes.
-    pub mas_output: MasOutput,
-    /// Null takes the method's default.
-    pub accumulation: Option<Accumulation>,
-    /// How the penalty is applied.
-    pub penalty_step: PenaltyStep,
-    /// Of every random choice.
-    pub seed: u64,
-}
-
-/// Everything a stage learns from.
-pub struct StageInput<'a> {
-    /// The method.
-    pub method: Method,
-    /// The arithmetic's settings.
-    pub settings: LearnSettings,
-    /// Position on the line, from 1.
-    pub stage: u32,
-    /// The regime learned.
-    pub regime: &'a str,
-    /// The parent's weights; none at stage 1 (and unused by `joint`, which starts afresh).
-    pub parent_weights: Option<&'a [f32]>,
-    /// The line's scaling; none at stage 1, where it is estimated from `train`.
-    pub scaling: Option<Scaling>,
-    /// What earlier stages keep, in the order the regimes were first learned.
-    pub memory: &'a [RegimeMemory],
-    /// Training events at the model's step, in any order: they are put into order of content.
-    pub train: &'a [Event],
-    /// Events to drive after every epoch, at the model's step. They tell how far learning is, and change nothing.
-    pub validation: &'a [Event],
-}
-
-/// How far a stage is.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct Progress {
-    /// From 1.
-    pub epoch: u32,
-    /// Updates done.
-    pub update: u64,
-    /// Updates in all.
-    pub updates: u64,
-    /// Loss of the last minibatch, without penalty.
-    pub loss: f64,
-    /// Consolidation penalty, λ included, at the weights before the last update.
-    pub penalty: f64,
-    /// Training events per second since the stage (re)started.
-    pub events_per_s: f64,
-}
-
-/// How the network drives the validation events after an epoch.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Interim {
-    /// Epochs done.
-    pub epoch: u32,
-    /// Closed loop, with the weights of that moment.
-    pub errors: Errors,
-}
-
-/// What a stage tells while it runs, on the thread that called it.
-pub trait Observer {
-    /// After every update. `false` stops the stage with [`LearnError::Stopped`].
-    fn updated(&mut self, progress: &Progress) -> bool;
-    /// After every epoch, when there are validation events; and when a stage is resumed, what it told last.
-    fn evaluated(&mut self, interim: &Interim);
-    /// Asked on the way through the validation events; `true` stops the stage as [`Self::updated`] does.
-    fn wants_stop(&mut self) -> bool;
-    /// Asked after every update: whether to be given a checkpoint now.
-    fn wants_checkpoint(&mut self) -> bool;
-    /// The checkpoint: opaque bytes for `resume`. Also given when the stage is stopped.
-    fn checkpoint(&mut self, progress: &Progress, state: Vec<u8>);
-}
-
-/// The outcome.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Learned {
-    /// One flat vector.
-    pub weights: Vec<f32>,
-    /// The line's scaling.
-    pub scaling: Scaling,
-    /// What to keep of this regime, merged with what was kept of it before; none for `naive` and `joint`.
-    pub memory: Option<RegimeMemory>,
-    /// The strength used; none where unused.
-    pub strength: Option<f64>,
-    /// The number in the formula; none where unused (also at stage 1).
-    pub lambda: Option<f64>,
-    /// Name of the arithmetic.
-    pub kernel: String,
-    /// Time inside updates, s.
-    pub update_s: f64,
-}
-
-/// Why a stage gave no weights.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum LearnError {
-    /// No event is long enough to drive.
-    #[error("no training event is longer than the horizon")]
-    NoTrainingEvents,
-    /// Training made the driver worse than none.
-    #[error("training diverged at update {update}: {detail}")]
-    Diverged {
-        /// The update.
-        update: u64,
-        /// What was seen.
-        detail: String,
-    },
-    /// The observer said stop; a checkpoint was given first.
-    #[error("stopped")]
-    Stopped,
-    /// The checkpoint does not belong to this input.
-    #[error("the checkpoint does not fit: {0}")]
-    Checkpoint(String),
-}
 
 /// Learns one stage. The same input gives the same bits whatever the threads of `workers` and wherever it was resumed.
 ///

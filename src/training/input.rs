@@ -1,0 +1,60 @@
+//! What a stage learns from.
+
+use crate::car_following::Event;
+use crate::consolidation::{Accumulation, MasOutput, Method, PenaltyStep, RegimeMemory};
+use crate::driver::{DriverShape, Scaling};
+
+/// Settings of the arithmetic, from the model's settings.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LearnSettings {
+    /// Hidden units, horizon, step, acceleration limit.
+    pub shape: DriverShape,
+    /// Passes.
+    pub epochs: u32,
+    /// Events per update.
+    pub minibatch: usize,
+    /// Adam's.
+    pub learning_rate: f32,
+    /// Global norm.
+    pub clip_norm: f32,
+    /// Weight of mean relu(min(margin, s*) − s).
+    pub collision_penalty: f32,
+    /// Weight of mean relu(−v).
+    pub backward_penalty: f32,
+    /// The margin in the collision penalty, m.
+    pub collision_margin_m: f32,
+    /// Null takes the method's default.
+    pub strength: Option<f64>,
+    /// Wins over strength.
+    pub lambda: Option<f64>,
+    /// Which gradient MAS takes.
+    pub mas_output: MasOutput,
+    /// Null takes the method's default.
+    pub accumulation: Option<Accumulation>,
+    /// How the penalty is applied.
+    pub penalty_step: PenaltyStep,
+    /// Of every random choice.
+    pub seed: u64,
+}
+
+/// Everything a stage learns from.
+pub struct StageInput<'a> {
+    /// The method.
+    pub method: Method,
+    /// The arithmetic's settings.
+    pub settings: LearnSettings,
+    /// Position on the line, from 1.
+    pub stage: u32,
+    /// The regime learned.
+    pub regime: &'a str,
+    /// The parent's weights; none at stage 1 (and unused by `joint`, which starts afresh).
+    pub parent_weights: Option<&'a [f32]>,
+    /// The line's scaling; none at stage 1, where it is estimated from `train`.
+    pub scaling: Option<Scaling>,
+    /// What earlier stages keep, in the order the regimes were first learned.
+    pub memory: &'a [RegimeMemory],
+    /// Training events at the model's step, in any order: they are put into order of content.
+    pub train: &'a [Event],
+    /// Events to drive after every epoch, at the model's step. They tell how far learning is, and change nothing.
+    pub validation: &'a [Event],
+}

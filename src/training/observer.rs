@@ -1,0 +1,45 @@
+//! What a stage tells while it runs.
+
+use serde::Serialize;
+
+use super::evaluate::Errors;
+
+/// How far a stage is.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Progress {
+    /// From 1.
+    pub epoch: u32,
+    /// Updates done.
+    pub update: u64,
+    /// Updates in all.
+    pub updates: u64,
+    /// Loss of the last minibatch, without penalty.
+    pub loss: f64,
+    /// Consolidation penalty, λ included, at the weights before the last update.
+    pub penalty: f64,
+    /// Training events per second since the stage (re)started.
+    pub events_per_s: f64,
+}
+
+/// How the network drives the validation events after an epoch.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Interim {
+    /// Epochs done.
+    pub epoch: u32,
+    /// Closed loop, with the weights of that moment.
+    pub errors: Errors,
+}
+
+/// What a stage tells while it runs, on the thread that called it.
+pub trait Observer {
+    /// After every update. `false` stops the stage with [`LearnError::Stopped`].
+    fn updated(&mut self, progress: &Progress) -> bool;
+    /// After every epoch, when there are validation events; and when a stage is resumed, what it told last.
+    fn evaluated(&mut self, interim: &Interim);
+    /// Asked on the way through the validation events; `true` stops the stage as [`Self::updated`] does.
+    fn wants_stop(&mut self) -> bool;
+    /// Asked after every update: whether to be given a checkpoint now.
+    fn wants_checkpoint(&mut self) -> bool;
+    /// The checkpoint: opaque bytes for `resume`. Also given when the stage is stopped.
+    fn checkpoint(&mut self, progress: &Progress, state: Vec<u8>);
+}
