@@ -18,7 +18,7 @@ const SMALL: [&str; 6] = ["--hidden", "8", "--epochs", "1", "--events-per-regime
 fn demo(folder: &Path, arguments: &[&str]) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_headway"));
     command.arg("demo").args(["--listen", "127.0.0.1:0"]).args(arguments);
-    command.current_dir(folder).env("TMPDIR", folder).env_remove("RUST_BACKTRACE").stdin(Stdio::null());
+    command.current_dir(folder).env("TMPDIR", folder).env("RUST_BACKTRACE", "1").stdin(Stdio::null());
     command
 }
 
@@ -207,6 +207,7 @@ fn what_cannot_be_shown_is_said_and_ends_with_an_error() {
         let (stdout, stderr) = told(&output);
         assert!(!output.status.success() && stdout.is_empty(), "{arguments:?}: {stdout}");
         assert!(stderr.contains(reason), "{arguments:?}: {stderr}");
+        assert!(!stderr.contains("backtrace"), "for a person, not for a debugger: {stderr}");
     }
     assert_eq!(fs::read_to_string(folder.path().join("mine.db")).unwrap(), "precious");
     assert!(!folder.path().join("mine.db.lock").exists());
