@@ -32,7 +32,7 @@ pub struct Interim {
 
 /// What a stage tells while it runs, on the thread that called it.
 pub trait Observer {
-    /// After every update. `false` stops the stage with [`LearnError::Stopped`].
+    /// After every update. `false` stops the stage with [`LearnError::Stopped`](super::LearnError::Stopped).
     fn updated(&mut self, progress: &Progress) -> bool;
     /// After every epoch, when there are validation events; and when a stage is resumed, what it told last.
     fn evaluated(&mut self, interim: &Interim);
