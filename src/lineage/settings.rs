@@ -141,6 +141,9 @@ impl ModelSettings {
             unreachable!("settings are an object")
         };
         for (name, value) in members {
+            if name == "retention" {
+                return Err(SettingsError::not_available(name));
+            }
             if !resolved.contains_key(name) {
                 let known: Vec<_> = resolved.keys().map(String::as_str).collect();
                 return Err(SettingsError::invalid(name, &format!("unknown; known are {}", known.join(", "))));
@@ -210,11 +213,7 @@ impl ModelSettings {
             ("envelope", !self.envelope),
         ] {
             if !available {
-                return Err(SettingsError {
-                    name: name.to_owned(),
-                    code: "not_available",
-                    detail: "this value is named by the interface but not built yet".to_owned(),
-                });
+                return Err(SettingsError::not_available(name));
             }
         }
         Ok(())
@@ -222,6 +221,12 @@ impl ModelSettings {
 }
 
 impl SettingsError {
+    /// What the interface names and another release brings.
+    fn not_available(name: &str) -> Self {
+        let detail = "the interface names it, but it is not built yet".to_owned();
+        Self { name: name.to_owned(), code: "not_available", detail }
+    }
+
     fn invalid(name: &str, detail: &str) -> Self {
         Self { name: name.to_owned(), code: "invalid_setting", detail: detail.to_owned() }
     }
@@ -252,6 +257,7 @@ mod tests {
             (json!({"regimes": ["mean_speed_mps", [1.0, 2.0]]}), "regimes"),
             (json!({"schedule": [5, 10]}), "schedule"),
             (json!({"memory": "carried"}), "memory"),
+            (json!({"retention": {}}), "retention"),
             (json!([1]), ""),
         ] {
             assert_eq!(ModelSettings::default().overridden(&overrides).unwrap_err().name, name, "{overrides}");
