@@ -91,7 +91,7 @@ fn wish(version: Option<i64>, reason: &str) -> Result<MoveRequest<'_>, Problem> 
         let error = InputError::at("/reason", "out_of_range", detail);
         return Err(Code::InvalidBody.because("a reason is needed for the history").with_error(error));
     }
-    Ok(MoveRequest { version, reason, actor: "anonymous", expected_revision: None })
+    Ok(MoveRequest { version, reason, actor: "anonymous" })
 }
 
 async fn make_move(
@@ -127,7 +127,6 @@ fn refusal(model: &Model, refused: MoveRefused) -> Problem {
         MoveRefused::UnknownVersion(version) => versions::missing(model, version),
         MoveRefused::NothingLive => Code::NoLiveVersion.because(refused.to_string()),
         MoveRefused::NoParent(_) => Code::NoParentVersion.because(refused.to_string()),
-        MoveRefused::Revision(_) => Code::PreconditionFailed.because(refused.to_string()),
     }
 }
 

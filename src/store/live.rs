@@ -16,8 +16,6 @@ pub struct MoveRequest<'a> {
     pub reason: &'a str,
     /// Who.
     pub actor: &'a str,
-    /// The revision the client believes in; none for any.
-    pub expected_revision: Option<i64>,
 }
 
 /// A move that was made.
@@ -47,9 +45,6 @@ pub enum MoveRefused {
     /// A rollback without a version, and the live one is the first of its line.
     #[error("version {0} is live and has no parent to roll back to")]
     NoParent(i64),
-    /// Somebody changed the model first.
-    #[error("the model is at revision {0}")]
-    Revision(i64),
 }
 
 /// Moves live to the named version; head and tasks stay.
@@ -109,9 +104,6 @@ async fn target(
     before: &Pointers,
     request: &MoveRequest<'_>,
 ) -> Result<Result<i64, MoveRefused>, StoreError> {
-    if request.expected_revision.is_some_and(|expected| expected != before.revision) {
-        return Ok(Err(MoveRefused::Revision(before.revision)));
-    }
     if let Some(named) = request.version {
         let known = version::exists(transaction, model_id, named).await?;
         return Ok(if known { Ok(named) } else { Err(MoveRefused::UnknownVersion(named)) });

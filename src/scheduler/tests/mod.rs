@@ -81,7 +81,7 @@ impl Engine {
     }
 
     async fn rollback(&self, model_id: i64, version: i64) -> Moved {
-        let request = MoveRequest { version: Some(version), reason: "r", actor: "a", expected_revision: None };
+        let request = MoveRequest { version: Some(version), reason: "r", actor: "a" };
         let mut transaction = self.fixture.store.begin().await.unwrap();
         let moved = rollback(&mut transaction, model_id, &request, clock()).await.unwrap().unwrap();
         transaction.commit().await.unwrap();
