@@ -20,7 +20,7 @@ pub fn default_accumulation(_method: Method) -> Accumulation {
 /// `λ A` of a weight of typical importance at strength 1.
 ///
 /// The proximal step competes with an optimiser whose steps are about as long as the learning rate whatever the loss, so λA
-/// has the unit of 1/weight there: 15 holds a typical weight within about 1/15 of its anchor. The coupled step competes with
+/// has the unit of 1/weight there: with 15 a typical weight goes no further than about 1/15 from its anchor. The coupled step competes with
 /// the gradient of the loss, and needs less.
 fn typical_pull(step: PenaltyStep) -> f64 {
     match step {
