@@ -11,7 +11,9 @@ pub mod car_following;
 pub mod driver;
 /// What keeps a model from forgetting: importance, anchors, the penalty and its step. Pure.
 pub mod consolidation;
-/// Learning one stage: loss, optimiser, loop, checkpoint, evaluation. Pure.
+/// How well a driver drives: closed-loop errors on events. Pure.
+pub mod evaluation;
+/// Learning one stage: loss, optimiser, loop, checkpoint. Pure.
 pub mod training;
 /// The words of the service: model, settings, batch, task, version, promotion policy. Pure.
 pub mod lineage;

@@ -4,7 +4,8 @@ use rayon::ThreadPool;
 
 use crate::car_following::Event;
 use crate::driver::{DriverShape, Scaling};
-use crate::training::{self, Errors, LearnError, Learned, Observer, StageInput};
+use crate::evaluation::{self, Errors};
+use crate::training::{self, LearnError, Learned, Observer, StageInput};
 
 /// Learns stages and measures what came of it. Called on blocking threads.
 pub trait Learner: Send + Sync + 'static {
@@ -20,7 +21,7 @@ pub trait Learner: Send + Sync + 'static {
         observer: &mut dyn Observer,
     ) -> Result<Learned, LearnError>;
 
-    /// As [`training::evaluate`].
+    /// As [`evaluation::evaluate`].
     fn evaluate(
         &self,
         shape: DriverShape,
@@ -54,6 +55,6 @@ impl Learner for Training {
         events: &[Event],
         workers: &ThreadPool,
     ) -> Errors {
-        training::evaluate(shape, scaling, weights, events, workers)
+        evaluation::evaluate(shape, scaling, weights, events, workers)
     }
 }

@@ -8,10 +8,11 @@ use super::importance;
 use super::stage::{Known, Stage, at_step};
 use crate::car_following::Event;
 use crate::driver::{DriverShape, Scaling};
+use crate::evaluation::Errors;
 use crate::lineage::{Promotion, PromotionDecision, PromotionPolicy, RegimeComparison, RegimeEvaluation, TestMeasures};
 use crate::store::LineRegime;
 use crate::store::outcome::{Outcome, OutcomeRegime};
-use crate::training::{Errors, Learned};
+use crate::training::Learned;
 
 /// A version about to be written, and the test events of the regime it learned.
 pub(super) struct Verdict {

@@ -3,10 +3,10 @@
 use sha2::{Digest, Sha256};
 
 use super::adam::Adam;
-use super::evaluate::Errors;
 use super::input::StageInput;
 use super::observer::Interim;
 use crate::car_following::Event;
+use crate::evaluation::Errors;
 
 const MAGIC: &[u8; 8] = b"HWCKPT02";
 

@@ -2,7 +2,6 @@
 
 mod adam;
 mod checkpoint;
-mod evaluate;
 mod input;
 mod learned;
 mod loss;
@@ -13,7 +12,6 @@ mod sanity;
 mod stage;
 
 pub use adam::{Adam, clip_norm};
-pub use evaluate::{Errors, evaluate};
 pub use input::{LearnSettings, StageInput};
 pub use learned::{LearnError, Learned};
 pub use loss::{Penalties, loss};

@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-use super::evaluate::Errors;
+use crate::evaluation::Errors;
 
 /// How far a stage is.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]

@@ -6,7 +6,6 @@ use rayon::ThreadPool;
 
 use super::adam::clip_norm;
 use super::checkpoint::{Checkpoint, fingerprint};
-use super::evaluate::{Errors, drive_all};
 use super::input::{LearnSettings, StageInput};
 use super::learned::{LearnError, Learned};
 use super::loss::Penalties;
@@ -19,6 +18,7 @@ use crate::consolidation::{
     Method, Penalty, PenaltyStep, RegimeMemory, default_accumulation, default_strength, importance, lambda,
 };
 use crate::driver::{Crew, Scaling};
+use crate::evaluation::{Errors, drive_all};
 use crate::lstm::{Layout, initial_weights, kernel_name};
 
 /// Validation events driven between two looks at whether to stop.

@@ -3,9 +3,8 @@
 use headway::car_following::{Event, TrafficRegime, TrafficSettings, generate};
 use headway::consolidation::{MasOutput, Method, PenaltyStep, RegimeMemory};
 use headway::driver::{DriverShape, Scaling};
-use headway::training::{
-    Interim, LearnError, LearnSettings, Learned, Observer, Progress, StageInput, evaluate, learn_stage,
-};
+use headway::evaluation::evaluate;
+use headway::training::{Interim, LearnError, LearnSettings, Learned, Observer, Progress, StageInput, learn_stage};
 use rayon::ThreadPool;
 
 fn settings() -> LearnSettings {

@@ -9,9 +9,10 @@ use tokio::sync::mpsc::UnboundedSender;
 use crate::car_following::Event;
 use crate::consolidation::RegimeMemory;
 use crate::driver::{DriverShape, Scaling};
+use crate::evaluation::Errors;
 use crate::lstm::Layout;
 use crate::scheduler::Learner;
-use crate::training::{Errors, LearnError, Learned, Observer, Progress, StageInput};
+use crate::training::{LearnError, Learned, Observer, Progress, StageInput};
 
 /// Updates of every stage.
 const UPDATES: u64 = 4;
