@@ -7,6 +7,8 @@
 pub mod lstm;
 /// Words, signs and units: event, window, integrator, physics checks, IDM and generated traffic. Pure.
 pub mod car_following;
+/// Drivers out of the literature, to compare with: IDM, Gipps, constant speed; closed loop. Pure.
+pub mod reference;
 /// The learned driver: scaling, LSTM and limit; window accelerations and closed-loop drives. Pure.
 pub mod driver;
 /// What keeps a model from forgetting: importance, anchors, the penalty and its step. Pure.

@@ -1,7 +1,7 @@
 //! The Intelligent Driver Model.
 
 /// Nobody brakes harder than this, m/s²: below the 8 m/s² that the physics checks accept.
-const HARDEST_BRAKING_MPS2: f64 = 7.5;
+pub const HARDEST_BRAKING_MPS2: f64 = 7.5;
 
 /// Below this spacing the interaction term is evaluated at it, so that a collided follower brakes instead of dividing by 0.
 const LEAST_SPACING_M: f64 = 0.1;

@@ -11,6 +11,6 @@ mod resample;
 pub use check_settings::{CheckSettings, CheckSettingsError};
 pub use event::Event;
 pub use generator::{GeneratedEvent, TrafficRegime, TrafficSettings, generate};
-pub use idm::{FollowerState, Idm};
+pub use idm::{FollowerState, HARDEST_BRAKING_MPS2, Idm};
 pub use recording::{Conversion, Defect, Recording, SpacingDefinition, Target};
 pub use resample::resampled_steps;
