@@ -1,60 +1,74 @@
-//! How much each weight matters for what was learned: exact, per step, open loop.
+//! How much each weight matters for what was learned.
 
-use super::{MasOutput, Method};
+use super::seeds::Scalars;
+use super::{Estimator, ImportanceOptions, Kept, Output, exact, sampled};
 use crate::car_following::Event;
-use crate::driver::{Crew, Drive, Loop, Scaling};
-use crate::lstm::{Magnitude, Real};
+use crate::driver::{Crew, Drive, Scaling};
+use crate::lstm::Real;
 
-/// Diagonal importance of the weights for the acceleration ŷ on recorded windows, averaged over all M supervised steps:
+/// Events between two looks at whether to go on; a multiple of every size of piece.
+const LOOKED_AT_TOGETHER: usize = 64;
+
+/// Diagonal importance of the weights, averaged over all M supervised steps. With g the derivative by the weights of one
+/// output, which is the acceleration ŷ on a recorded window (open loop), or the simulated spacing or speed (closed loop):
 ///
-/// - EWC: the exact Fisher information of a Gaussian head with σ = 1 m/s², `F_i = (1/M) Σ (∂ŷ/∂θ_i)²` (Kirkpatrick et al. 2017);
-/// - MAS: `Ω_i = (1/M) Σ |∂ŷ/∂θ_i|` (`jacobian`) or `(1/M) Σ |∂ŷ²/∂θ_i|` (`squared_norm`, Aljundi et al. 2018).
+/// - Fisher: `F = (1/M) Σ g²`, for a Gaussian head with σ = 1 (Kirkpatrick et al. 2017); empirical: `(1/M) Σ r² g²`, r being
+///   ŷ less the recorded acceleration;
+/// - sensitivity: `Ω = (1/M) Σ |g|` (`jacobian`), or `(1/M) Σ |∂‖y‖²/∂θ|` (`squared_norm`, Aljundi et al. 2018), y being ŷ or
+///   the simulated (spacing, speed).
 ///
-/// Every step's own gradient counts, so the result does not depend on how the events came in batches; `events` must be in an
-/// order of their own (that of their digests) for equal bits. Returns the importance and M.
+/// Every output's own gradient counts, so the result does not depend on how the events came in batches; `events` must be in
+/// an order of their own (that of their digests) for equal bits. Exact importance costs about two epochs over the open loop,
+/// and over the closed loop a drive for every output: as many epochs as two events have steps. Sampled, it costs an epoch
+/// of minibatches of one for each draw.
 ///
-/// Methods that keep no importance get an empty vector.
+/// Returns the importance and M; none when `go_on`, asked on the way, says no.
 pub fn importance<T: Real>(
-    method: Method,
-    mas_output: MasOutput,
+    kept: Kept,
+    options: ImportanceOptions,
     crew: &Crew<'_, T>,
     scaling: &Scaling,
     weights: &[T],
-    horizon: usize,
     events: &[&Event],
-) -> (Vec<f64>, u64) {
-    let (magnitude, squared) = match (method, mas_output) {
-        (Method::Ewc, _) => (Magnitude::Square, false),
-        (Method::Mas, MasOutput::Jacobian) => (Magnitude::Absolute, false),
-        (Method::Mas, MasOutput::SquaredNorm) => (Magnitude::Absolute, true),
-        (Method::Naive | Method::Joint, _) => return (Vec::new(), 0),
-    };
-    let mut total = vec![0.0; weights.len()];
-    let piece_sums = |drive: &mut Drive<T>, piece: &[&Event]| {
-        let mut sums = vec![T::zero(); weights.len()];
-        drive.forward(weights, scaling, piece, Loop::Open);
-        drive.backward_open(weights, |accel| if squared { accel + accel } else { T::one() });
-        drive.windows().add_magnitudes(magnitude, &mut sums);
-        sums
-    };
-    crew.each(events, piece_sums, |sums| {
-        for (total, sum) in total.iter_mut().zip(sums) {
-            *total += sum.wide();
+    go_on: &mut dyn FnMut() -> bool,
+) -> Option<(Vec<f64>, u64)> {
+    let shape = crew.shape();
+    let scalars = Scalars::new(kept, options, shape);
+    let piece_sums = |drive: &mut Drive<T>, piece: &[&Event]| -> Vec<f64> {
+        let wide = |sums: Vec<T>| sums.into_iter().map(T::wide).collect();
+        match (options.estimator, options.output) {
+            (Estimator::Sampled, _) => sampled::sampled(drive, scalars, kept, options.draws, weights, scaling, piece),
+            (_, Output::OpenLoop) => wide(exact::open_loop(drive, scalars, kept, weights, scaling, piece)),
+            (_, Output::ClosedLoop) => wide(exact::one_by_one(drive, scalars, kept, weights, scaling, piece)),
         }
-    });
-    let samples: usize = events.iter().map(|event| event.steps() - horizon).sum();
+    };
+    let mut sorted = events.to_vec();
+    sorted.sort_by_key(|event| std::cmp::Reverse(event.steps()));
+    let mut total = vec![0.0; weights.len()];
+    for together in sorted.chunks(LOOKED_AT_TOGETHER) {
+        if !go_on() {
+            return None;
+        }
+        crew.each(together, piece_sums, |sums| {
+            for (total, sum) in total.iter_mut().zip(sums) {
+                *total += sum;
+            }
+        });
+    }
+    let samples: usize = events.iter().map(|event| event.steps() - shape.horizon).sum();
     for total in &mut total {
         *total /= samples.max(1) as f64;
     }
-    (total, samples as u64)
+    Some((total, samples as u64))
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::MasOutput;
     use super::*;
     use crate::car_following::{TrafficRegime, TrafficSettings, generate};
-    use crate::driver::DriverShape;
-    use crate::lstm::{Layout, initial_weights};
+    use crate::driver::{DriverShape, Loop};
+    use crate::lstm::{Layout, Magnitude, initial_weights};
 
     /// Every piece kept until the end and then added up: what takes memory that grows with the events.
     fn piece_by_piece(shape: DriverShape, scaling: &Scaling, weights: &[f32], events: &[&Event]) -> Vec<f64> {
@@ -66,7 +80,7 @@ mod tests {
                 let mut drive = Drive::new(shape);
                 let mut sums = vec![0.0_f32; weights.len()];
                 drive.forward(weights, scaling, piece, Loop::Open);
-                drive.backward_open(weights, |_| 1.0);
+                drive.backward_open(weights, |_, _, _| 1.0);
                 drive.windows().add_magnitudes(Magnitude::Square, &mut sums);
                 sums
             })
@@ -76,22 +90,48 @@ mod tests {
         (0..weights.len()).map(|i| sum(i) / samples as f64).collect()
     }
 
+    const EXACT: ImportanceOptions = ImportanceOptions {
+        estimator: Estimator::Exact,
+        output: Output::OpenLoop,
+        mas_output: MasOutput::Jacobian,
+        draws: 1,
+    };
+    const SHAPE: DriverShape = DriverShape { hidden: 4, horizon: 5, dt_s: 0.1, accel_limit_mps2: 4.0 };
+
+    fn traffic(count: usize) -> Vec<Event> {
+        let lengths = TrafficSettings { min_steps: 40, max_steps: 60, ..TrafficSettings::default() };
+        generate(TrafficRegime::Slow, 3, count, &lengths).into_iter().map(|generated| generated.event).collect()
+    }
+
     #[test]
     fn adding_up_on_the_way_changes_no_bit() {
-        let shape = DriverShape { hidden: 4, horizon: 5, dt_s: 0.1, accel_limit_mps2: 4.0 };
-        let lengths = TrafficSettings { min_steps: 40, max_steps: 60, ..TrafficSettings::default() };
-        let events: Vec<_> =
-            generate(TrafficRegime::Slow, 3, 500, &lengths).into_iter().map(|generated| generated.event).collect();
+        let events = traffic(500);
         let events: Vec<_> = events.iter().collect();
         let scaling = Scaling::estimate(&events);
         let weights = initial_weights(Layout { hidden: 4 }, 1);
-        let expected = piece_by_piece(shape, &scaling, &weights, &events);
+        let expected = piece_by_piece(SHAPE, &scaling, &weights, &events);
         for threads in [1, 3] {
             let workers = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-            let crew = Crew::new(shape, &workers);
-            let (ours, _) =
-                importance(Method::Ewc, MasOutput::Jacobian, &crew, &scaling, &weights, shape.horizon, &events);
+            let crew = Crew::new(SHAPE, &workers);
+            let (ours, _) = importance(Kept::Fisher, EXACT, &crew, &scaling, &weights, &events, &mut || true).unwrap();
             assert!(ours == expected, "{threads} threads");
         }
+    }
+
+    #[test]
+    fn it_stops_on_the_way_when_asked() {
+        let events = traffic(200);
+        let events: Vec<_> = events.iter().collect();
+        let workers = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+        let crew = Crew::<f32>::new(SHAPE, &workers);
+        let weights = initial_weights(Layout { hidden: 4 }, 1);
+        let mut asked = 0;
+        let mut until_the_third = || {
+            asked += 1;
+            asked < 3
+        };
+        let scaling = Scaling::estimate(&events);
+        let stopped = importance(Kept::Fisher, EXACT, &crew, &scaling, &weights, &events, &mut until_the_third);
+        assert_eq!((stopped, asked), (None, 3));
     }
 }

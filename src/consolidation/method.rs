@@ -1,4 +1,4 @@
-//! Which method learns, and the named options of consolidation.
+//! Which method learns, and what it does against forgetting.
 
 use serde::{Deserialize, Serialize};
 
@@ -16,6 +16,15 @@ pub enum Method {
     Mas,
 }
 
+/// What a consolidating method takes for the importance of a weight.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Kept {
+    /// Mean squared derivative of the outputs: the diagonal Fisher information of a Gaussian head with σ = 1.
+    Fisher,
+    /// Mean absolute derivative of the outputs.
+    Sensitivity,
+}
+
 impl Method {
     /// The name on the wire.
     #[must_use]
@@ -28,65 +37,19 @@ impl Method {
         }
     }
 
+    /// The importance the method stores with an anchor per regime; none where it stores neither.
+    #[must_use]
+    pub fn keeps(self) -> Option<Kept> {
+        match self {
+            Self::Ewc => Some(Kept::Fisher),
+            Self::Mas => Some(Kept::Sensitivity),
+            Self::Naive | Self::Joint => None,
+        }
+    }
+
     /// Whether the method stores importance and an anchor per regime.
     #[must_use]
     pub fn consolidates(self) -> bool {
-        matches!(self, Self::Ewc | Self::Mas)
+        self.keeps().is_some()
     }
-}
-
-/// How importance is estimated.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Estimator {
-    /// Every step's own gradient.
-    Exact,
-    /// Weighted by the squared residual: EWC's empirical Fisher.
-    Empirical,
-    /// One backward pass per event with random signs.
-    Sampled,
-}
-
-/// Over which output importance is taken.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Output {
-    /// The acceleration on recorded windows.
-    OpenLoop,
-    /// The simulated trajectory.
-    ClosedLoop,
-}
-
-/// Which gradient MAS takes.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum MasOutput {
-    /// mean |∂ŷ/∂θ|, the paper's formula.
-    Jacobian,
-    /// mean |∂ŷ²/∂θ|, Aljundi's.
-    SquaredNorm,
-}
-
-/// How the importance of several regimes adds up.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Accumulation {
-    /// Each regime keeps its own anchor (Kirkpatrick).
-    Separate,
-    /// A decaying sum and the latest anchor (Schwarz et al. 2018).
-    Online,
-    /// A sum and the latest anchor (MAS as published).
-    SumLatest,
-}
-
-/// How the penalty is applied.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum PenaltyStep {
-    /// A loss term, through the optimiser.
-    Coupled,
-    /// A closed-form pull after the optimiser's step.
-    Proximal,
-    /// A factor on each weight's increment.
-    Modulated,
 }

@@ -1,13 +1,23 @@
 //! What keeps a model from forgetting: importance, anchors, the penalty and its step.
 
+mod accumulation;
+mod exact;
 mod importance;
 mod memory;
 mod method;
+mod noise;
+mod options;
 mod penalty;
+mod sampled;
+mod seeds;
 mod strength;
 
+pub use accumulation::Accumulate;
 pub use importance::importance;
 pub use memory::RegimeMemory;
-pub use method::{Accumulation, Estimator, MasOutput, Method, Output, PenaltyStep};
+pub use method::{Kept, Method};
+pub use options::{
+    Accumulation, Estimator, ImportanceOptions, LEAST_SENSITIVITY_DRAWS, MasOutput, Output, PenaltyStep,
+};
 pub use penalty::Penalty;
 pub use strength::{default_accumulation, default_strength, lambda};

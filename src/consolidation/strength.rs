@@ -5,10 +5,7 @@ use super::{Accumulation, Method, Penalty, PenaltyStep};
 /// Strength where none is set: what kept old traffic and learned new on generated and on recorded data alike.
 #[must_use]
 pub fn default_strength(method: Method) -> f64 {
-    match method {
-        Method::Ewc | Method::Mas => 1.0,
-        Method::Naive | Method::Joint => 0.0,
-    }
+    if method.consolidates() { 1.0 } else { 0.0 }
 }
 
 /// Accumulation where none is set.
@@ -35,33 +32,34 @@ fn typical_pull(step: PenaltyStep) -> f64 {
 /// MAS's is about the root of EWC's. Its median over the weights carries that scale; its mean does not, since half of it
 /// can sit in the head's bias alone. Dividing by it makes one strength serve both methods and networks of any size.
 #[must_use]
-pub fn lambda(strength: f64, step: PenaltyStep, penalty: &Penalty, regimes: usize) -> f64 {
-    let typical = penalty.typical_stiffness(regimes);
+pub fn lambda(strength: f64, step: PenaltyStep, penalty: &Penalty) -> f64 {
+    let typical = penalty.typical_stiffness();
     if typical > 0.0 { strength * typical_pull(step) / typical } else { 0.0 }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::consolidation::RegimeMemory;
+    use crate::consolidation::{Accumulate, Kept, RegimeMemory};
 
     fn penalty(scale: f32) -> Penalty {
         let importance = [0.0, 1.0, 2.0, 3.0, 1000.0].map(|x| x * scale).to_vec();
-        let memory = RegimeMemory { regime: String::new(), importance, anchor: vec![0.0; 5], samples: 1 };
-        Penalty::collapse(Method::Ewc, Accumulation::Separate, &[memory.clone(), memory], &[0.0; 5]).unwrap()
+        let memory = RegimeMemory { regime: String::new(), importance, anchor: vec![0.0; 5], samples: 1, stage: 1 };
+        let separate = Accumulate { rule: Accumulation::Separate, decay: 1.0 };
+        Penalty::collapse(Kept::Fisher, separate, &[memory.clone(), memory], &[0.0; 5]).unwrap()
     }
 
     #[test]
     fn the_pull_on_a_typical_weight_does_not_depend_on_the_scale_of_importance() {
         for scale in [1e-9, 1.0, 1e6] {
             let penalty = penalty(scale);
-            let pull = lambda(2.0, PenaltyStep::Proximal, &penalty, 2) * penalty.typical_stiffness(2);
+            let pull = lambda(2.0, PenaltyStep::Proximal, &penalty) * penalty.typical_stiffness();
             assert!((pull - 30.0).abs() < 1e-9, "{pull}");
         }
     }
 
     #[test]
     fn without_importance_nothing_pulls() {
-        assert_eq!(lambda(1.0, PenaltyStep::Proximal, &penalty(0.0), 2), 0.0);
+        assert_eq!(lambda(1.0, PenaltyStep::Proximal, &penalty(0.0)), 0.0);
     }
 }

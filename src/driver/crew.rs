@@ -30,6 +30,12 @@ impl<'a, T: Real> Crew<'a, T> {
         Self { shape, workers, idle: Mutex::new(Vec::new()) }
     }
 
+    /// The shape of its drivers.
+    #[must_use]
+    pub fn shape(&self) -> DriverShape {
+        self.shape
+    }
+
     /// Runs `work` on each piece of `events`, which are sorted longest first before they are cut, and gives the results to
     /// `add` in the order of the pieces. Only a few results exist at a time, however many events there are.
     pub fn each<R: Send>(

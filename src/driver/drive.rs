@@ -192,19 +192,30 @@ impl<T: Real> Drive<T> {
         self.overlap.finish(gradient);
     }
 
-    /// Goes back from each open-loop acceleration on its own: `seed(a)` is the derivative of that step's scalar by the
-    /// acceleration a. Afterwards [`Self::windows`] holds each window's own gradient.
-    pub fn backward_open(&mut self, weights: &[T], seed: impl Fn(T) -> T) {
-        let limit = T::of(f64::from(self.shape.accel_limit_mps2));
+    /// Goes back from each open-loop acceleration on its own: `seed(t, n, a)` is the derivative of that step's scalar by the
+    /// acceleration a that led to step `t` of event `n`. Afterwards [`Self::windows`] holds each window's own gradient.
+    pub fn backward_open(&mut self, weights: &[T], seed: impl Fn(usize, usize, T) -> T) {
         // Parts of a summed gradient come out on the way; importance has no use for them.
         let mut unused = vec![T::zero(); weights.len()];
+        self.back_through_open(weights, seed, &mut unused);
+    }
+
+    /// Adds to `gradient` the derivative by every weight of the sum of all these scalars: one backward pass, and the windows'
+    /// own gradients are not looked at.
+    pub fn backward_open_sum(&mut self, weights: &[T], seed: impl Fn(usize, usize, T) -> T, gradient: &mut [T]) {
+        self.back_through_open(weights, seed, gradient);
+        self.overlap.finish(gradient);
+    }
+
+    fn back_through_open(&mut self, weights: &[T], seed: impl Fn(usize, usize, T) -> T, gradient: &mut [T]) {
+        let limit = T::of(f64::from(self.shape.accel_limit_mps2));
         for t in (0..self.overlap.steps()).rev() {
             self.outputs.clear();
             for n in 0..self.overlap.answering(t) {
                 let u = self.squashed[(t + 1) * self.events + n];
-                self.outputs.push(seed(limit * u) * limit * (T::one() - u * u));
+                self.outputs.push(seed(t + 1, n, limit * u) * limit * (T::one() - u * u));
             }
-            self.overlap.backward(weights, t, &self.outputs, &mut unused);
+            self.overlap.backward(weights, t, &self.outputs, gradient);
         }
     }
 

@@ -82,7 +82,7 @@ fn every_windows_own_gradient_is_squared_before_it_is_summed() {
     let mut drive = Drive::<f64>::new(SHAPE);
     let mut weights = weights();
     drive.forward(&weights, &SCALING, &events, Loop::Open);
-    drive.backward_open(&weights, |accel| 2.0 * accel);
+    drive.backward_open(&weights, |_, _, accel| 2.0 * accel);
     let (mut squares, mut absolutes) = (vec![0.0; weights.len()], vec![0.0; weights.len()]);
     drive.windows().add_magnitudes(Magnitude::Square, &mut squares);
     drive.windows().add_magnitudes(Magnitude::Absolute, &mut absolutes);

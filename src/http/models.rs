@@ -70,6 +70,7 @@ pub(super) async fn create(
         return Err(Code::NotAvailable.because("forking a model from a version (from) comes with a later release"));
     }
     let settings = app.model_defaults.overridden(&new.settings)?;
+    settings.check_for(new.method)?;
     let mut tx = app.store.begin().await?;
     let Some(model) = model::create(&mut tx, &new.model, new.method, &settings).await? else {
         return Err(Code::ModelExists.because(format!("a model is already called {}", new.model)));

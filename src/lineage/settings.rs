@@ -5,7 +5,7 @@ use serde_json::Value;
 
 use super::PromotionPolicy;
 use super::regime::{AutomaticSchedule, RegimeRule, Schedule};
-use crate::consolidation::{Accumulation, Estimator, MasOutput, Output, PenaltyStep};
+use crate::consolidation::{Accumulation, Estimator, MasOutput, Method, Output, PenaltyStep};
 
 /// Whether the network encodes each window afresh or carries one state along the event.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -51,12 +51,16 @@ pub struct ModelSettings {
     pub lambda: Option<f64>,
     /// How importance is estimated.
     pub estimator: Estimator,
+    /// Backward passes per event of the sampled estimator.
+    pub estimator_draws: u32,
     /// Over which output.
     pub output: Output,
     /// Which gradient MAS takes.
     pub mas_output: MasOutput,
     /// How the importance of several regimes adds up; null takes the method's default.
     pub accumulation: Option<Accumulation>,
+    /// What is left of older regimes' importance with each newer one, for `online` accumulation.
+    pub online_decay: f64,
     /// How the penalty is applied.
     pub penalty_step: PenaltyStep,
     /// Of every random choice in training.
@@ -97,9 +101,11 @@ impl Default for ModelSettings {
             strength: None,
             lambda: None,
             estimator: Estimator::Exact,
+            estimator_draws: 4,
             output: Output::OpenLoop,
             mas_output: MasOutput::Jacobian,
             accumulation: None,
+            online_decay: 0.95,
             penalty_step: PenaltyStep::Proximal,
             seed: 42,
             split_seed: 0,
@@ -196,6 +202,8 @@ impl ModelSettings {
         real("collision_margin_m", self.collision_margin_m, 0.0, 100.0)?;
         real("strength", self.strength.unwrap_or(1.0), 0.0, 1e12)?;
         real("lambda", self.lambda.unwrap_or(1.0), 0.0, 1e30)?;
+        whole("estimator_draws", self.estimator_draws, 1, 16)?;
+        real("online_decay", self.online_decay, 0.0, 1.0)?;
         real("promotion_error_ratio", self.promotion_error_ratio, 1.0, 1e6)?;
         whole("max_regimes", self.max_regimes, 1, 4096)?;
         whole("test_reservoir", self.test_reservoir, 1, 100_000)?;
@@ -204,19 +212,27 @@ impl ModelSettings {
         {
             return Err(SettingsError::invalid("regimes", &defect));
         }
-        for (name, available) in [
-            ("memory", self.memory == Memory::Window),
-            ("estimator", self.estimator == Estimator::Exact),
-            ("output", self.output == Output::OpenLoop),
-            ("accumulation", self.accumulation != Some(Accumulation::Online)),
-            ("penalty_step", self.penalty_step != PenaltyStep::Modulated),
-            ("envelope", !self.envelope),
-        ] {
+        for (name, available) in [("memory", self.memory == Memory::Window), ("envelope", !self.envelope)] {
             if !available {
                 return Err(SettingsError::not_available(name));
             }
         }
-        Ok(())
+        self.check_importance(None)
+    }
+
+    /// Checks that a model of this method can use them.
+    ///
+    /// # Errors
+    /// Names the setting that the method has no use for with the others as they are.
+    pub fn check_for(&self, method: Method) -> Result<(), SettingsError> {
+        self.check_importance(Some(method))
+    }
+
+    fn check_importance(&self, method: Option<Method>) -> Result<(), SettingsError> {
+        match self.importance().conflict(method) {
+            Some((name, why)) => Err(SettingsError::invalid(name, &why)),
+            None => Ok(()),
+        }
     }
 }
 
@@ -262,6 +278,18 @@ mod tests {
         ] {
             assert_eq!(ModelSettings::default().overridden(&overrides).unwrap_err().name, name, "{overrides}");
         }
+    }
+
+    #[test]
+    fn options_that_exclude_each_other_are_named() {
+        let settings = |overrides: Value| ModelSettings::default().overridden(&overrides);
+        let closed = settings(json!({"estimator": "empirical", "output": "closed_loop"})).unwrap_err();
+        assert_eq!((closed.name.as_str(), closed.code), ("estimator", "invalid_setting"));
+        let empirical = settings(json!({"estimator": "empirical"})).unwrap();
+        assert_eq!(empirical.check_for(Method::Ewc), Ok(()));
+        assert_eq!(empirical.check_for(Method::Mas).unwrap_err().name, "estimator");
+        let few = settings(json!({"estimator": "sampled", "estimator_draws": 2})).unwrap();
+        assert_eq!(few.check_for(Method::Mas).unwrap_err().name, "estimator_draws");
     }
 
     #[test]

@@ -3,6 +3,7 @@
 use serde_json::Value;
 
 use super::{ModelSettings, SettingsError};
+use crate::consolidation::ImportanceOptions;
 use crate::driver::DriverShape;
 use crate::training::LearnSettings;
 
@@ -52,6 +53,17 @@ impl ModelSettings {
         }
     }
 
+    /// How importance is computed.
+    #[must_use]
+    pub fn importance(&self) -> ImportanceOptions {
+        ImportanceOptions {
+            estimator: self.estimator,
+            output: self.output,
+            mas_output: self.mas_output,
+            draws: self.estimator_draws,
+        }
+    }
+
     /// The settings of the arithmetic.
     #[must_use]
     pub fn learning(&self) -> LearnSettings {
@@ -66,8 +78,9 @@ impl ModelSettings {
             collision_margin_m: self.collision_margin_m as f32,
             strength: self.strength,
             lambda: self.lambda,
-            mas_output: self.mas_output,
+            importance: self.importance(),
             accumulation: self.accumulation,
+            online_decay: self.online_decay,
             penalty_step: self.penalty_step,
             seed: self.seed,
         }

@@ -77,7 +77,7 @@ impl Store {
     /// When the database cannot be read, or what it holds is not what was written.
     pub async fn memories(&self, model_id: i64, version: i64) -> Result<Vec<RegimeMemory>, StoreError> {
         let rows = query(
-            "select r.regime, a.samples, a.importance, a.weights, a.anchor_sha256
+            "select r.regime, r.learned_stage, a.samples, a.importance, a.weights, a.anchor_sha256
              from version_regime r join anchor a on a.anchor_id = r.anchor_id
              where r.model_id = ? and r.version = ? order by r.position",
         )
@@ -119,6 +119,7 @@ fn memory_from(row: &SqliteRow) -> Result<RegimeMemory, StoreError> {
         importance: floats("anchor", importance)?,
         anchor: floats("anchor", weights)?,
         samples: count(row, "samples")?,
+        stage: count(row, "learned_stage")?,
         regime,
     })
 }

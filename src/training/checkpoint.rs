@@ -106,7 +106,7 @@ impl Checkpoint {
 /// Digest of everything a stage's result depends on.
 pub(super) fn fingerprint(input: &StageInput<'_>, train: &[&Event]) -> [u8; 32] {
     let mut hasher = Sha256::new();
-    let kept: Vec<_> = input.memory.iter().map(|m| (&m.regime, m.samples)).collect();
+    let kept: Vec<_> = input.memory.iter().map(|m| (&m.regime, m.samples, m.stage)).collect();
     let plain = format!(
         "{:?} {:?} {} {} {:?} {kept:?}",
         input.method, input.settings, input.stage, input.regime, input.scaling

@@ -1,7 +1,7 @@
 //! What a stage learns from.
 
 use crate::car_following::Event;
-use crate::consolidation::{Accumulation, MasOutput, Method, PenaltyStep, RegimeMemory};
+use crate::consolidation::{Accumulation, ImportanceOptions, Method, PenaltyStep, RegimeMemory};
 use crate::driver::{DriverShape, Scaling};
 
 /// Settings of the arithmetic, from the model's settings.
@@ -27,10 +27,12 @@ pub struct LearnSettings {
     pub strength: Option<f64>,
     /// Wins over strength.
     pub lambda: Option<f64>,
-    /// Which gradient MAS takes.
-    pub mas_output: MasOutput,
+    /// How importance is computed.
+    pub importance: ImportanceOptions,
     /// Null takes the method's default.
     pub accumulation: Option<Accumulation>,
+    /// γ of `online` accumulation.
+    pub online_decay: f64,
     /// How the penalty is applied.
     pub penalty_step: PenaltyStep,
     /// Of every random choice.

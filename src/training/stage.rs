@@ -15,7 +15,7 @@ use super::order::{by_content, keyed, shuffle};
 use super::sanity::coasting_loss;
 use crate::car_following::Event;
 use crate::consolidation::{
-    Method, Penalty, PenaltyStep, RegimeMemory, default_accumulation, default_strength, importance, lambda,
+    Accumulate, Method, Penalty, PenaltyStep, RegimeMemory, default_accumulation, default_strength, importance, lambda,
 };
 use crate::driver::{Crew, Scaling};
 use crate::evaluation::{Errors, drive_all};
@@ -50,7 +50,7 @@ pub fn learn_stage(
     while stage.state.epoch < input.settings.epochs {
         stage.epoch(observer)?;
     }
-    Ok(stage.finish())
+    stage.finish(observer)
 }
 
 /// A stage under way.
@@ -67,6 +67,10 @@ struct Stage<'a> {
     fingerprint: [u8; 32],
     state: Checkpoint,
     gradient: Vec<f32>,
+    /// The weights before an update, where its step is modulated.
+    before: Vec<f32>,
+    /// What was told last.
+    told: Option<Progress>,
     resumed_at: Instant,
     events_since: u64,
 }
@@ -84,13 +88,15 @@ impl<'a> Stage<'a> {
             (Method::Joint, _) | (_, None) => initial_weights(layout, settings.seed),
             (_, Some(parent)) => parent.to_vec(),
         };
-        let accumulation = settings.accumulation.unwrap_or_else(|| default_accumulation(input.method));
-        let penalty = Penalty::collapse(input.method, accumulation, input.memory, &weights);
+        let rule = settings.accumulation.unwrap_or_else(|| default_accumulation(input.method));
+        let accumulate = Accumulate { rule, decay: settings.online_decay };
+        let kept = input.method.keeps();
+        let penalty = kept.and_then(|kept| Penalty::collapse(kept, accumulate, input.memory, &weights));
         let strength = input.method.consolidates().then(|| settings.strength.unwrap_or(default_strength(input.method)));
         let penalty = penalty.map(|penalty| {
-            let lambda = settings.lambda.unwrap_or_else(|| {
-                lambda(strength.unwrap_or_default(), settings.penalty_step, &penalty, input.memory.len())
-            });
+            let lambda = settings
+                .lambda
+                .unwrap_or_else(|| lambda(strength.unwrap_or_default(), settings.penalty_step, &penalty));
             (penalty, lambda)
         });
         let fingerprint = fingerprint(input, train);
@@ -103,6 +109,8 @@ impl<'a> Stage<'a> {
             strength: strength.filter(|_| settings.lambda.is_none()),
             loss_limit: 4.0 * coasting_loss(train, settings.shape, penalties(settings)),
             gradient: vec![0.0; layout.len()],
+            before: Vec::new(),
+            told: None,
             state: Checkpoint::begin(fingerprint, weights),
             fingerprint,
             resumed_at: Instant::now(),
@@ -117,7 +125,6 @@ impl<'a> Stage<'a> {
         shuffle(&mut order, &mut keyed("order", settings.seed, self.input.stage, self.state.epoch));
         let minibatches: Vec<&[usize]> = order.chunks(settings.minibatch).collect();
         let updates = minibatches.len() as u64 * u64::from(settings.epochs);
-        let mut last = None;
         for minibatch in minibatches.iter().skip(self.state.minibatch as usize) {
             let began = Instant::now();
             let events: Vec<&Event> = minibatch.iter().map(|&i| self.train[i]).collect();
@@ -141,10 +148,10 @@ impl<'a> Stage<'a> {
             if !go_on {
                 return Err(LearnError::Stopped);
             }
-            last = Some(progress);
+            self.told = Some(progress);
         }
         self.refuse_divergence()?;
-        self.validate(last.as_ref(), observer)?;
+        self.validate(observer)?;
         self.state.epoch += 1;
         self.state.minibatch = 0;
         self.state.epoch_loss = 0.0;
@@ -153,16 +160,12 @@ impl<'a> Stage<'a> {
 
     /// Drives the validation events with the weights as they are, which stay as they are. Stopped on the way, the stage has
     /// lost nothing: resumed, it drives them again.
-    fn validate(&mut self, last: Option<&Progress>, observer: &mut dyn Observer) -> Result<(), LearnError> {
+    fn validate(&mut self, observer: &mut dyn Observer) -> Result<(), LearnError> {
         let began = Instant::now();
         let mut errors = Errors::default();
         for events in self.validation.chunks(VALIDATED_TOGETHER) {
             if observer.wants_stop() {
-                // Without an update since the stage was resumed, its checkpoint is the one it was resumed from.
-                if let Some(progress) = last {
-                    observer.checkpoint(progress, self.state.to_bytes());
-                }
-                return Err(LearnError::Stopped);
+                return Err(self.stopped(observer));
             }
             let horizon = self.input.settings.shape.horizon;
             errors += drive_all(&self.crew, horizon, &self.scaling, &self.state.weights, events);
@@ -175,6 +178,15 @@ impl<'a> Stage<'a> {
         // Training events per second are those of training.
         self.resumed_at += began.elapsed();
         Ok(())
+    }
+
+    /// Leaves a checkpoint between two updates.
+    fn stopped(&self, observer: &mut dyn Observer) -> LearnError {
+        // Without an update since the stage was resumed, its checkpoint is the one it was resumed from.
+        if let Some(progress) = &self.told {
+            observer.checkpoint(progress, self.state.to_bytes());
+        }
+        LearnError::Stopped
     }
 
     fn refuse_divergence(&self) -> Result<(), LearnError> {
@@ -211,11 +223,15 @@ impl<'a> Stage<'a> {
             }
         }
         let norm = clip_norm(&mut self.gradient, settings.clip_norm);
+        self.before.clone_from(weights);
         self.state.adam.step(weights, &self.gradient, settings.learning_rate);
-        if let Some((penalty, lambda)) = &self.penalty
-            && settings.penalty_step == PenaltyStep::Proximal
-        {
-            penalty.pull(f64::from(settings.learning_rate) * lambda, weights);
+        if let Some((penalty, lambda)) = &self.penalty {
+            let eta = f64::from(settings.learning_rate) * lambda;
+            match settings.penalty_step {
+                PenaltyStep::Coupled => {}
+                PenaltyStep::Proximal => penalty.pull(eta, weights),
+                PenaltyStep::Modulated => penalty.modulate(eta, &self.before, weights),
+            }
         }
         if loss.is_finite() && norm.is_finite() {
             Ok((loss, value))
@@ -225,31 +241,28 @@ impl<'a> Stage<'a> {
         }
     }
 
-    fn finish(self) -> Learned {
-        let (method, settings) = (self.input.method, &self.input.settings);
-        let weights = self.state.weights;
-        let memory = method.consolidates().then(|| {
-            let (importance, samples) = importance(
-                method,
-                settings.mas_output,
-                &self.crew,
-                &self.scaling,
-                &weights,
-                settings.shape.horizon,
-                self.train,
-            );
-            let earlier = self.input.memory.iter().find(|kept| kept.regime == self.input.regime);
-            RegimeMemory::after(self.input.regime, earlier, &importance, samples, &weights)
-        });
-        Learned {
-            memory,
+    fn finish(self, observer: &mut dyn Observer) -> Result<Learned, LearnError> {
+        Ok(Learned {
+            memory: self.memory(observer)?,
             scaling: self.scaling,
             strength: self.strength,
             lambda: self.penalty.map(|(_, lambda)| lambda),
             kernel: kernel_name().to_owned(),
             update_s: self.state.update_s,
-            weights,
-        }
+            weights: self.state.weights,
+        })
+    }
+
+    /// What to keep of the regime. Stopped on the way, the stage goes on here.
+    fn memory(&self, observer: &mut dyn Observer) -> Result<Option<RegimeMemory>, LearnError> {
+        let Some(kept) = self.input.method.keeps() else { return Ok(None) };
+        let (options, weights) = (self.input.settings.importance, &self.state.weights);
+        let mut go_on = || !observer.wants_stop();
+        let new = importance(kept, options, &self.crew, &self.scaling, weights, self.train, &mut go_on);
+        let Some((importance, samples)) = new else { return Err(self.stopped(observer)) };
+        let earlier = self.input.memory.iter().find(|kept| kept.regime == self.input.regime);
+        let new = (importance.as_slice(), samples);
+        Ok(Some(RegimeMemory::after(self.input.regime, self.input.stage, earlier, new, weights)))
     }
 }
 

@@ -22,14 +22,22 @@ struct Golden {
 }
 
 #[derive(Deserialize)]
-struct GoldenEvent {
+pub(super) struct GoldenEvent {
     spacing_m: Vec<f32>,
     follower_speed_mps: Vec<f32>,
     leader_speed_mps: Vec<f32>,
 }
 
+impl GoldenEvent {
+    pub(super) fn event(&self, dt_s: f32) -> Event {
+        let [spacing, follower, leader] =
+            [&self.spacing_m, &self.follower_speed_mps, &self.leader_speed_mps].map(Clone::clone);
+        Event::new(f64::from(dt_s), spacing, follower, leader)
+    }
+}
+
 #[derive(Deserialize)]
-struct Tensors {
+pub(super) struct Tensors {
     input: Vec<f32>,
     recurrent: Vec<f32>,
     bias: Vec<f32>,
@@ -46,7 +54,7 @@ struct Update {
 }
 
 impl Tensors {
-    fn flat(&self) -> Vec<f32> {
+    pub(super) fn flat(&self) -> Vec<f32> {
         [&self.input, &self.recurrent, &self.bias, &self.head, &self.head_bias].into_iter().flatten().copied().collect()
     }
 }
@@ -67,15 +75,7 @@ fn case() -> Case {
         accel_limit_mps2: golden.accel_limit_mps2,
     };
     let scaling = Scaling { mean: golden.mean, spread: golden.spread, low: [0.0; 4], high: [0.0; 4] };
-    let events = golden
-        .events
-        .iter()
-        .map(|e| {
-            let [spacing, follower, leader] =
-                [&e.spacing_m, &e.follower_speed_mps, &e.leader_speed_mps].map(Clone::clone);
-            Event::new(f64::from(golden.dt_s), spacing, follower, leader)
-        })
-        .collect();
+    let events = golden.events.iter().map(|event| event.event(golden.dt_s)).collect();
     Case { golden, shape, scaling, events }
 }
 

@@ -49,6 +49,25 @@ async fn a_bad_setting_is_pointed_at() {
 }
 
 #[tokio::test]
+async fn options_of_importance_are_taken_and_what_contradicts_itself_is_pointed_at() {
+    let server = Server::start().await;
+    let create = |model, method, settings| json!({"model": model, "method": method, "settings": settings});
+    let closed = json!({"estimator": "sampled", "estimator_draws": 1, "output": "closed_loop", "accumulation": "online",
+        "online_decay": 0.5, "penalty_step": "modulated"});
+    let taken = server.post("/v1/models", &create("a", "ewc", closed.clone())).await.expect(201);
+    assert_eq!(taken["settings"]["output"], "closed_loop");
+    for (method, settings, pointer) in [
+        ("mas", closed, "/settings/estimator_draws"),
+        ("mas", json!({"estimator": "empirical"}), "/settings/estimator"),
+        ("ewc", json!({"estimator": "empirical", "output": "closed_loop"}), "/settings/estimator"),
+    ] {
+        let refused = server.post("/v1/models", &create("b", method, settings)).await;
+        assert_eq!(refused.expect_problem(422, "invalid_settings")["errors"][0]["pointer"], pointer);
+    }
+    server.stop().await;
+}
+
+#[tokio::test]
 async fn what_comes_later_says_so() {
     let server = Server::start().await;
     let fork = json!({"model": "a", "method": "ewc", "from": {"model": "default", "version": 1}});

@@ -123,6 +123,7 @@ impl Learner for Fake {
                 importance: weights.clone(),
                 anchor: weights.clone(),
                 samples: input.train.len() as u64,
+                stage: input.stage,
             }),
             weights,
             scaling: scaling(),

@@ -1,0 +1,61 @@
+//! Importance from every output's own gradient.
+
+use super::Kept;
+use super::seeds::Scalars;
+use crate::car_following::Event;
+use crate::driver::{Drive, Loop, Scaling};
+use crate::lstm::{Magnitude, Real};
+
+/// What is added up of each gradient.
+pub(super) fn magnitude(kept: Kept) -> Magnitude {
+    match kept {
+        Kept::Fisher => Magnitude::Square,
+        Kept::Sensitivity => Magnitude::Absolute,
+    }
+}
+
+/// `Σ_n Σ_t |∂y_nt/∂θ|` or its squares over the open loop: the windows of all events in one backward pass, since no window
+/// reads what another one answered.
+pub(super) fn open_loop<T: Real>(
+    drive: &mut Drive<T>,
+    scalars: Scalars,
+    kept: Kept,
+    weights: &[T],
+    scaling: &Scaling,
+    events: &[&Event],
+) -> Vec<T> {
+    let mut sums = vec![T::zero(); weights.len()];
+    drive.forward(weights, scaling, events, Loop::Open);
+    drive.backward_open(weights, |t, n, a| scalars.by_accel(events[n], t, a));
+    drive.windows().add_magnitudes(magnitude(kept), &mut sums);
+    sums
+}
+
+/// The same over any scalars, one backward pass for each: what the quicker ways are checked against, and the only exact one
+/// for the closed loop, where every step is an outcome of all before it.
+pub(super) fn one_by_one<T: Real>(
+    drive: &mut Drive<T>,
+    scalars: Scalars,
+    kept: Kept,
+    weights: &[T],
+    scaling: &Scaling,
+    events: &[&Event],
+) -> Vec<T> {
+    let mut sums = vec![T::zero(); weights.len()];
+    let mut gradient = vec![T::zero(); weights.len()];
+    for event in events {
+        let mut coefficients = vec![0.0; scalars.count(event)];
+        for k in 0..coefficients.len() {
+            coefficients[k] = 1.0;
+            scalars.combine(drive, weights, scaling, event, &coefficients, &mut gradient);
+            coefficients[k] = 0.0;
+            for (sum, g) in sums.iter_mut().zip(&gradient) {
+                *sum += match kept {
+                    Kept::Fisher => *g * *g,
+                    Kept::Sensitivity => g.abs(),
+                };
+            }
+        }
+    }
+    sums
+}
