@@ -9,6 +9,8 @@ pub mod lstm;
 pub mod car_following;
 /// Drivers out of the literature, to compare with: IDM, Gipps, constant speed; closed loop. Pure.
 pub mod reference;
+/// What keeps a served driver from colliding, and how close it comes: envelope, stress scenarios, surrogate measures. Pure.
+pub mod safety;
 /// The learned driver: scaling, LSTM and limit; window accelerations and closed-loop drives. Pure.
 pub mod driver;
 /// What keeps a model from forgetting: importance, anchors, the penalty and its step. Pure.
