@@ -3,6 +3,7 @@
 use super::{DriverShape, Scaling};
 use crate::car_following::Event;
 use crate::lstm::{INPUTS, Layout, Overlap, Real};
+use crate::safety::Envelope;
 
 /// Whether the network reads its own simulation or the recording.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -19,6 +20,8 @@ pub enum Loop {
 #[derive(Debug)]
 pub struct Drive<T> {
     shape: DriverShape,
+    /// What bounds the network's acceleration; only forward drives may be bounded.
+    envelope: Option<Envelope>,
     overlap: Overlap<T>,
     events: usize,
     /// Steps of each event.
@@ -28,6 +31,8 @@ pub struct Drive<T> {
     speed: Vec<T>,
     /// tanh of the head at the step that led here.
     squashed: Vec<T>,
+    /// Steps of each event on which the envelope acted.
+    acted: Vec<u32>,
     inputs: Vec<T>,
     outputs: Vec<T>,
 }
@@ -47,6 +52,7 @@ impl<T: Real> Drive<T> {
     pub fn new(shape: DriverShape) -> Self {
         Self {
             shape,
+            envelope: None,
             overlap: Overlap::new(Layout { hidden: shape.hidden }),
             events: 0,
             steps: Vec::new(),
@@ -54,9 +60,21 @@ impl<T: Real> Drive<T> {
             spacing: Vec::new(),
             speed: Vec::new(),
             squashed: Vec::new(),
+            acted: Vec::new(),
             inputs: Vec::new(),
             outputs: Vec::new(),
         }
+    }
+
+    /// Drives from now on within this envelope, as a served driver does; none is the network alone.
+    pub fn bound(&mut self, envelope: Option<Envelope>) {
+        self.envelope = envelope;
+    }
+
+    /// Steps of event `n` on which the envelope acted.
+    #[must_use]
+    pub fn acted_steps(&self, n: usize) -> u32 {
+        self.acted[n]
     }
 
     /// Steps of event `n`.
@@ -83,7 +101,7 @@ impl<T: Real> Drive<T> {
         self.speed[t * self.events + n]
     }
 
-    /// Acceleration that led to step `t` of event `n`, m/s²; `t` ≥ `horizon`.
+    /// The network's acceleration that led to step `t` of event `n`, m/s²; `t` ≥ `horizon`.
     #[must_use]
     pub fn accel_mps2(&self, t: usize, n: usize) -> T {
         T::of(f64::from(self.shape.accel_limit_mps2)) * self.squashed[t * self.events + n]
@@ -125,6 +143,8 @@ impl<T: Real> Drive<T> {
         self.events = events.len();
         self.steps.clear();
         self.steps.extend(events.iter().map(|e| e.steps()));
+        self.acted.clear();
+        self.acted.resize(self.events, 0);
         assert!(self.steps.iter().all(|&steps| steps > self.shape.horizon), "every event outlasts its first window");
         let len = self.steps.first().copied().unwrap_or(0) * self.events;
         for buffer in [&mut self.leader, &mut self.spacing, &mut self.speed, &mut self.squashed] {
@@ -153,7 +173,15 @@ impl<T: Real> Drive<T> {
                 Loop::Closed => (self.speed[now], self.spacing[now]),
                 Loop::Open => recorded(events[n], t),
             };
-            let next_v = v + dt * limit * u;
+            let mut next_v = v + dt * limit * u;
+            if let Some(envelope) = self.envelope {
+                let [raw, s, v_now, leader] = [limit * u, s, v, self.leader[now]].map(|x| x.wide() as f32);
+                let served = envelope.served_mps2(raw, s, v_now, leader);
+                if served != raw {
+                    self.acted[n] += 1;
+                    next_v = v + dt * T::of(served.into());
+                }
+            }
             self.squashed[next] = u;
             self.speed[next] = next_v;
             self.spacing[next] = s + dt * (half * (self.leader[now] + self.leader[next]) - half * (v + next_v));
@@ -161,7 +189,7 @@ impl<T: Real> Drive<T> {
     }
 
     /// Adds to `gradient` the derivative by every weight of a scalar whose derivative by the simulated trajectory is `by`,
-    /// through the integrator and through every window that a simulated state appears in. After [`Loop::Closed`] only.
+    /// through the integrator and through every window that a simulated state appears in. After [`Loop::Closed`] only, and not within an envelope.
     pub fn backward(&mut self, weights: &[T], scaling: &Scaling, by: &TrajectoryGradient<T>, gradient: &mut [T]) {
         let dt = T::of(f64::from(self.shape.dt_s));
         let limit = T::of(f64::from(self.shape.accel_limit_mps2));

@@ -2,6 +2,7 @@
 
 use super::Scaling;
 use crate::lstm::{Encoder, INPUTS, Layout, Real};
+use crate::safety::Envelope;
 
 /// What decides how a driver computes, besides its weights.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -36,6 +37,8 @@ pub struct Simulation {
     pub follower_speed_mps: Vec<f32>,
     /// Acceleration that led to each of them, m/s².
     pub accel_mps2: Vec<f32>,
+    /// Steps on which that is not what the network asked for.
+    pub acted_steps: usize,
 }
 
 /// Fixed weights, ready to serve.
@@ -84,18 +87,19 @@ impl Driver {
     }
 
     /// Drives on from `initial` behind a leader whose speed is given from the step after the window on: n speeds give n
-    /// steps. Each acceleration is what [`Self::accelerations`] answers for the last `horizon` steps. Goes on after a
-    /// collision.
+    /// steps. Each acceleration is what [`Self::accelerations`] answers for the last `horizon` steps, within the envelope.
+    /// Goes on after a collision.
     ///
     /// # Panics
     /// When the window does not hold `horizon` steps.
     #[must_use]
-    pub fn simulate(&self, initial: &Window, leader_speed_mps: &[f32]) -> Simulation {
+    pub fn simulate(&self, initial: &Window, leader_speed_mps: &[f32], envelope: Option<Envelope>) -> Simulation {
         let horizon = self.shape.horizon;
         let mut follower = initial.follower_speed_mps.clone();
         let mut leader = initial.leader_speed_mps.clone();
         let mut spacing = initial.spacing_m.clone();
         let mut accel = Vec::with_capacity(leader_speed_mps.len());
+        let mut acted_steps = 0;
         let mut inputs = Vec::with_capacity(horizon * INPUTS);
         assert!([&follower, &leader, &spacing].iter().all(|x| x.len() == horizon), "a window holds `horizon` steps");
         for &next_leader in leader_speed_mps {
@@ -104,7 +108,9 @@ impl Driver {
             for t in now + 1 - horizon..=now {
                 self.standardise(follower[t], leader[t], spacing[t], &mut inputs);
             }
-            let a = self.squash(self.encoder.head_values(horizon, &inputs))[0];
+            let raw = self.squash(self.encoder.head_values(horizon, &inputs))[0];
+            let a = envelope.map_or(raw, |e| e.served_mps2(raw, spacing[now], follower[now], leader[now]));
+            acted_steps += usize::from(a != raw);
             let v = follower[now] + self.shape.dt_s * a;
             let closing = 0.5 * (leader[now] + next_leader) - 0.5 * (follower[now] + v);
             spacing.push(spacing[now] + self.shape.dt_s * closing);
@@ -116,6 +122,7 @@ impl Driver {
             spacing_m: spacing.split_off(horizon),
             follower_speed_mps: follower.split_off(horizon),
             accel_mps2: accel,
+            acted_steps,
         }
     }
 

@@ -3,6 +3,7 @@
 use super::{Crew, Drive, Driver, DriverShape, Loop, Scaling, TrajectoryGradient, Window};
 use crate::car_following::Event;
 use crate::lstm::{Layout, Magnitude, initial_weights};
+use crate::safety::Envelope;
 
 const SHAPE: DriverShape = DriverShape { hidden: 5, horizon: 4, dt_s: 0.1, accel_limit_mps2: 2.0 };
 const SCALING: Scaling =
@@ -139,12 +140,35 @@ fn serving_answers_what_driving_computes() {
     let driver = Driver::new(SHAPE, SCALING, weights.clone()).unwrap();
     let mut drive = Drive::<f32>::new(SHAPE);
     drive.forward(&weights, &SCALING, &[&event], Loop::Closed);
-    let simulation = driver.simulate(&window(&event, 0), &event.leader_speed_mps()[SHAPE.horizon..]);
+    let simulation = driver.simulate(&window(&event, 0), &event.leader_speed_mps()[SHAPE.horizon..], None);
+    assert_eq!((simulation.acted_steps, drive.acted_steps(0)), (0, 0));
     for t in SHAPE.horizon..30 {
         let at = t - SHAPE.horizon;
         assert!((simulation.accel_mps2[at] - drive.accel_mps2(t, 0)).abs() < 1e-4);
         assert!((simulation.spacing_m[at] - drive.spacing_m(t, 0)).abs() < 1e-3);
         assert!((simulation.follower_speed_mps[at] - drive.speed_mps(t, 0)).abs() < 1e-4);
+    }
+}
+
+#[test]
+fn a_bounded_drive_is_what_is_served_and_never_touches_the_leader() {
+    // The leader stands still 12 m ahead of a car at 8 m/s, and the network's range ends at 2 m/s².
+    let event = Event::new(0.1, vec![12.0; 40], vec![8.0; 40], vec![0.0; 40]);
+    let weights: Vec<f32> = weights().into_iter().map(|w| w as f32).collect();
+    let envelope = Some(Envelope::new(SHAPE.dt_s));
+    let driver = Driver::new(SHAPE, SCALING, weights.clone()).unwrap();
+    let leader = &event.leader_speed_mps()[SHAPE.horizon..];
+    let bounded = driver.simulate(&window(&event, 0), leader, envelope);
+    let alone = driver.simulate(&window(&event, 0), leader, None);
+    assert!(alone.spacing_m.iter().any(|&s| s <= 0.0), "the case is meant to be hard");
+    assert!(bounded.spacing_m.iter().all(|&s| s > 0.0) && bounded.follower_speed_mps.iter().all(|&v| v >= 0.0));
+    assert!(bounded.acted_steps > 0);
+    let mut drive = Drive::<f32>::new(SHAPE);
+    drive.bound(envelope);
+    drive.forward(&weights, &SCALING, &[&event], Loop::Closed);
+    assert_eq!(drive.acted_steps(0) as usize, bounded.acted_steps);
+    for t in SHAPE.horizon..40 {
+        assert!((bounded.spacing_m[t - SHAPE.horizon] - drive.spacing_m(t, 0)).abs() < 1e-3);
     }
 }
 

@@ -7,5 +7,5 @@ mod reference;
 
 pub use calibrate::{Calibration, CalibrationSettings, calibrate};
 pub use errors::Errors;
-pub use network::{drive_all, evaluate};
+pub use network::{ServedErrors, drive_all, evaluate, evaluate_served};
 pub use reference::evaluate_reference;

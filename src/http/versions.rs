@@ -130,11 +130,28 @@ fn regime_body(regime: &RegimeEvaluation) -> Value {
         "before": regime.before.map(|before| before.spacing_mse),
         "diagonal_spacing_mse": regime.diagonal_spacing_mse,
         "forgetting_ratio": ratio(regime),
-        // Without an envelope what is served is what the network says.
-        "served": driven,
+        "served": served_body(regime),
     });
     let members = body.as_object_mut().expect("an object");
     members.extend(driven.as_object().expect("an object").clone());
+    body
+}
+
+/// Without an envelope what is served is what the network says.
+fn served_body(regime: &RegimeEvaluation) -> Value {
+    let network = regime.measures.as_ref();
+    let served = network.zip(regime.served).map(|(network, served)| TestMeasures {
+        spacing_mse: served.spacing_mse,
+        speed_mse: served.speed_mse,
+        collisions: served.collisions,
+        ..*network
+    });
+    let mut body = driven_body(served.as_ref().or(network));
+    let acted = |network: &TestMeasures| {
+        let steps = regime.served.map_or(0, |served| served.acted_steps);
+        100.0 * steps as f64 / network.steps as f64
+    };
+    body["acted_percent"] = json!(network.map(acted));
     body
 }
 
@@ -190,7 +207,7 @@ fn mean(values: impl Iterator<Item = Option<f64>>) -> Option<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::lineage::RegimeName;
+    use crate::lineage::{RegimeName, ServedMeasures};
 
     fn regime(
         name: &str,
@@ -205,6 +222,7 @@ mod tests {
             learned_stage,
             learned_version: learned_stage.into(),
             measures: now.map(measures),
+            served: None,
             before: None,
             diagonal_spacing_mse: diagonal,
             best_spacing_mse: best,
@@ -234,5 +252,17 @@ mod tests {
         assert_eq!((&body["events"], &body["spacing_mse"]), (&json!(0), &Value::Null));
         assert_eq!(body["served"]["collision_rate_percent"], Value::Null);
         assert_eq!(regime_body(&regime("a", 1, Some(1.0), None, None))["collision_rate_percent"], json!(25.0));
+    }
+
+    #[test]
+    fn what_is_served_stands_beside_the_network_and_is_the_network_without_an_envelope() {
+        let alone = regime("a", 1, Some(1.0), None, None);
+        let body = regime_body(&alone);
+        assert_eq!((&body["served"]["spacing_mse"], &body["served"]["acted_percent"]), (&json!(1.0), &json!(0.0)));
+        let served = ServedMeasures { spacing_mse: 2.0, speed_mse: 1.0, collisions: 0, acted_steps: 2 };
+        let body = regime_body(&RegimeEvaluation { served: Some(served), ..alone });
+        assert_eq!(body["spacing_mse"], json!(1.0));
+        assert_eq!((&body["served"]["spacing_mse"], &body["served"]["acted_percent"]), (&json!(2.0), &json!(0.5)));
+        assert_eq!(body["served"]["collision_rate_percent"], json!(0.0));
     }
 }

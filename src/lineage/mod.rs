@@ -19,4 +19,4 @@ pub use regime::{RegimeRule, Schedule, SpeedBands};
 pub use settings::{Memory, ModelSettings, SettingsError};
 pub use split::Split;
 pub use task::{Task, TaskError, TaskState};
-pub use version::{RegimeEvaluation, TestMeasures, Version};
+pub use version::{RegimeEvaluation, ServedMeasures, TestMeasures, Version};

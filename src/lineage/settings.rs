@@ -67,7 +67,7 @@ pub struct ModelSettings {
     pub seed: u64,
     /// Of the split into training, validation and test.
     pub split_seed: u64,
-    /// Whether served accelerations are bounded by an envelope.
+    /// Whether served accelerations are bounded by an envelope ([`crate::safety::Envelope`]).
     pub envelope: bool,
     /// When pending events become a task.
     pub schedule: Schedule,
@@ -109,7 +109,7 @@ impl Default for ModelSettings {
             penalty_step: PenaltyStep::Proximal,
             seed: 42,
             split_seed: 0,
-            envelope: false,
+            envelope: true,
             schedule: Schedule::Automatic(AutomaticSchedule { min_events: 500, max_wait_s: 3600 }),
             regimes: RegimeRule::LABEL,
             promotion: PromotionPolicy::Gated,
@@ -212,10 +212,8 @@ impl ModelSettings {
         {
             return Err(SettingsError::invalid("regimes", &defect));
         }
-        for (name, available) in [("memory", self.memory == Memory::Window), ("envelope", !self.envelope)] {
-            if !available {
-                return Err(SettingsError::not_available(name));
-            }
+        if self.memory != Memory::Window {
+            return Err(SettingsError::not_available("memory"));
         }
         self.check_importance(None)
     }

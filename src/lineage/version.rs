@@ -65,6 +65,19 @@ pub struct TestMeasures {
     pub steps: u64,
 }
 
+/// The same measures of what is served: the network within the envelope.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct ServedMeasures {
+    /// m².
+    pub spacing_mse: f64,
+    /// m²/s².
+    pub speed_mse: f64,
+    /// Events with some simulated spacing ≤ 0.
+    pub collisions: u32,
+    /// Simulated steps on which the envelope acted.
+    pub acted_steps: u64,
+}
+
 /// How a version drives in one regime its line has learned.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RegimeEvaluation {
@@ -76,6 +89,8 @@ pub struct RegimeEvaluation {
     pub learned_version: i64,
     /// Null without test events.
     pub measures: Option<TestMeasures>,
+    /// On the same events with the envelope; null without test events and where the version has none.
+    pub served: Option<ServedMeasures>,
     /// The parent's, on the newly learned regime only.
     pub before: Option<TestMeasures>,
     /// `R[j,j]`: spacing error at `learned_version`.

@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use super::{Flag, PredictError, Prediction, Simulated};
 use crate::driver::{Driver, Scaling, Window};
+use crate::safety::Envelope;
 use crate::store::{Store, StoreError};
 
 /// An input counts as out of range when it lies beyond the least or greatest value seen in training by more than this
@@ -15,6 +16,8 @@ const RANGE_MARGIN: f32 = 0.05;
 pub struct Loaded {
     version: i64,
     driver: Driver,
+    /// What bounds the network's accelerations; none when the version's settings say so.
+    envelope: Option<Envelope>,
 }
 
 impl Loaded {
@@ -35,7 +38,8 @@ impl Loaded {
         }
         let driver = Driver::new(found.settings.shape(), scaling, weights);
         let driver = driver.ok_or_else(|| unusable(&"the number of weights does not fit the shape"))?;
-        Ok(Self { version, driver })
+        let envelope = found.settings.envelope.then(|| Envelope::new(driver.shape().dt_s));
+        Ok(Self { version, driver, envelope })
     }
 
     /// Its number.
@@ -57,12 +61,20 @@ impl Loaded {
     pub fn predict(&self, windows: &[Window]) -> Result<Vec<Prediction>, PredictError> {
         self.check(windows)?;
         let accelerations = self.driver.accelerations(windows);
-        let answer = |(window, raw_accel_mps2): (&Window, f32)| Prediction {
-            accel_mps2: raw_accel_mps2,
-            raw_accel_mps2,
-            flags: flags(out_of_range(self.driver.scaling(), window)),
+        let answer = |(window, raw_accel_mps2): (&Window, f32)| {
+            let accel_mps2 = self.served(window, raw_accel_mps2);
+            let flags = flags(out_of_range(self.driver.scaling(), window), accel_mps2 != raw_accel_mps2);
+            Prediction { accel_mps2, raw_accel_mps2, flags }
         };
         Ok(windows.iter().zip(accelerations).map(answer).collect())
+    }
+
+    /// What is served where the network asks for `raw_mps2` after this window: its last step decides.
+    fn served(&self, window: &Window, raw_mps2: f32) -> f32 {
+        let now = self.horizon() - 1;
+        let (spacing, follower, leader) =
+            (window.spacing_m[now], window.follower_speed_mps[now], window.leader_speed_mps[now]);
+        self.envelope.map_or(raw_mps2, |envelope| envelope.served_mps2(raw_mps2, spacing, follower, leader))
     }
 
     /// Drives a follower on from `initial` behind a leader, on this thread. `leader_speed_mps[0]` is the step after it.
@@ -72,20 +84,20 @@ impl Loaded {
     pub fn simulate(&self, initial: &Window, leader_speed_mps: &[f32]) -> Result<Simulated, PredictError> {
         self.check(std::slice::from_ref(initial))?;
         finite(0, "leader_speed_mps", leader_speed_mps)?;
-        let drive = self.driver.simulate(initial, leader_speed_mps);
+        let drive = self.driver.simulate(initial, leader_speed_mps, self.envelope);
         let driven = Window {
             follower_speed_mps: drive.follower_speed_mps,
             leader_speed_mps: leader_speed_mps.to_vec(),
             spacing_m: drive.spacing_m,
         };
         let scaling = self.driver.scaling();
-        let flags = flags(out_of_range(scaling, initial) || out_of_range(scaling, &driven));
+        let out_of_range = out_of_range(scaling, initial) || out_of_range(scaling, &driven);
         Ok(Simulated {
             collided: driven.spacing_m.iter().any(|&spacing| spacing <= 0.0),
             spacing_m: driven.spacing_m,
             follower_speed_mps: driven.follower_speed_mps,
             accel_mps2: drive.accel_mps2,
-            flags,
+            flags: flags(out_of_range, drive.acted_steps > 0),
         })
     }
 
@@ -145,8 +157,9 @@ fn finite(window: usize, member: &'static str, values: &[f32]) -> Result<(), Pre
     }
 }
 
-fn flags(out_of_range: bool) -> Vec<Flag> {
-    if out_of_range { vec![Flag::OutOfRange] } else { Vec::new() }
+fn flags(out_of_range: bool, bounded: bool) -> Vec<Flag> {
+    let flags = [(out_of_range, Flag::OutOfRange), (bounded, Flag::Envelope)];
+    flags.into_iter().filter_map(|(holds, flag)| holds.then_some(flag)).collect()
 }
 
 /// Whether some input of some step lies outside what training saw, give or take [`RANGE_MARGIN`].

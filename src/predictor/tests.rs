@@ -171,5 +171,24 @@ async fn a_simulation_gives_one_value_a_leader_step_and_tells_of_a_collision() {
     let drive = predictor.simulate(live, window(10.0, 2.0), vec![0.0; 30]).await.unwrap();
     assert_eq!((drive.spacing_m.len(), drive.follower_speed_mps.len(), drive.accel_mps2.len()), (30, 30, 30));
     assert!(drive.collided, "10 m/s towards a standing leader 2 m ahead");
-    assert_eq!(drive.flags, [Flag::OutOfRange]);
+    assert_eq!(drive.flags, [Flag::OutOfRange, Flag::Envelope]);
+    assert!(drive.accel_mps2[1..12].iter().all(|&accel| accel == -8.0), "braked as hard as it goes all the same");
+    assert!(drive.follower_speed_mps.iter().all(|&speed| speed >= 0.0));
+}
+
+#[tokio::test]
+async fn the_envelope_bounds_what_is_served_where_the_settings_say_so() {
+    let (fixture, model_id) = three_versions().await;
+    let predictor = predictor(&fixture).await;
+    let live = predictor.version(model_id, None).await.unwrap();
+    let ample = live.predict(&[window(10.0, 20.0)]).unwrap().remove(0);
+    assert_eq!((ample.accel_mps2, &ample.flags[..]), (ample.raw_accel_mps2, &[][..]));
+    let close = live.predict(&[window(10.0, 0.3)]).unwrap().remove(0);
+    assert!((-8.0..-4.0).contains(&close.accel_mps2) && close.flags == [Flag::Envelope], "{close:?}");
+    assert!(close.raw_accel_mps2.abs() <= 4.0, "the network's own is told beside it");
+    fixture.execute("update version set settings = json_set(settings, '$.envelope', json('false'))").await;
+    let unbounded = Loaded::load(&fixture.store, model_id, 3).await.unwrap();
+    let free = unbounded.predict(&[window(10.0, 0.3)]).unwrap().remove(0);
+    assert_eq!((free.accel_mps2, &free.flags[..]), (close.raw_accel_mps2, &[][..]));
+    assert!(unbounded.simulate(&window(10.0, 2.0), &[0.0; 30]).unwrap().accel_mps2.iter().all(|a| a.abs() <= 4.0));
 }

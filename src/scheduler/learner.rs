@@ -4,7 +4,7 @@ use rayon::ThreadPool;
 
 use crate::car_following::Event;
 use crate::driver::{DriverShape, Scaling};
-use crate::evaluation::{self, Errors};
+use crate::evaluation::{self, Errors, ServedErrors};
 use crate::training::{self, LearnError, Learned, Observer, StageInput};
 
 /// Learns stages and measures what came of it. Called on blocking threads.
@@ -30,6 +30,16 @@ pub trait Learner: Send + Sync + 'static {
         events: &[Event],
         workers: &ThreadPool,
     ) -> Errors;
+
+    /// As [`evaluation::evaluate_served`].
+    fn evaluate_served(
+        &self,
+        shape: DriverShape,
+        scaling: &Scaling,
+        weights: &[f32],
+        events: &[Event],
+        workers: &ThreadPool,
+    ) -> ServedErrors;
 }
 
 /// The real one.
@@ -56,5 +66,16 @@ impl Learner for Training {
         workers: &ThreadPool,
     ) -> Errors {
         evaluation::evaluate(shape, scaling, weights, events, workers)
+    }
+
+    fn evaluate_served(
+        &self,
+        shape: DriverShape,
+        scaling: &Scaling,
+        weights: &[f32],
+        events: &[Event],
+        workers: &ThreadPool,
+    ) -> ServedErrors {
+        evaluation::evaluate_served(shape, scaling, weights, events, workers)
     }
 }

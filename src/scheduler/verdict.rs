@@ -8,8 +8,11 @@ use super::importance;
 use super::stage::{Known, Stage, at_step};
 use crate::car_following::Event;
 use crate::driver::{DriverShape, Scaling};
-use crate::evaluation::Errors;
-use crate::lineage::{Promotion, PromotionDecision, PromotionPolicy, RegimeComparison, RegimeEvaluation, TestMeasures};
+use crate::evaluation::{Errors, ServedErrors};
+use crate::lineage::{
+    ModelSettings, Promotion, PromotionDecision, PromotionPolicy, RegimeComparison, RegimeEvaluation, ServedMeasures,
+    TestMeasures,
+};
 use crate::store::LineRegime;
 use crate::store::outcome::{Outcome, OutcomeRegime};
 use crate::training::Learned;
@@ -45,6 +48,30 @@ impl Network {
         });
         Ok(measures(&errors.await?))
     }
+
+    /// The same of what is served, when it is bounded.
+    async fn serve(
+        &self,
+        scheduler: &Scheduler,
+        settings: &ModelSettings,
+        events: &Arc<Vec<Event>>,
+    ) -> Result<Option<ServedMeasures>, JobError> {
+        if events.is_empty() || !settings.envelope {
+            return Ok(None);
+        }
+        let (network, scheduler, events) = (self.clone(), scheduler.clone(), Arc::clone(events));
+        let served = tokio::task::spawn_blocking(move || {
+            let inner = &scheduler.0;
+            inner.learner.evaluate_served(network.shape, &network.scaling, &network.weights, &events, &inner.workers)
+        });
+        let ServedErrors { errors, acted_steps } = served.await?;
+        Ok(measures(&errors).map(|TestMeasures { spacing_mse, speed_mse, collisions, .. }| ServedMeasures {
+            spacing_mse,
+            speed_mse,
+            collisions,
+            acted_steps,
+        }))
+    }
 }
 
 /// Means over simulated steps; none without any.
@@ -74,14 +101,17 @@ pub(super) async fn measure(scheduler: &Scheduler, stage: &Stage, learned: Learn
         Some(parent) => Network::of(parent).drive(scheduler, &fresh).await?,
         None => None,
     };
-    let learned_now = learned_now(stage, new.drive(scheduler, &fresh).await?, before);
+    let mut learned_now = learned_now(stage, new.drive(scheduler, &fresh).await?, before);
+    learned_now.evaluation.served = new.serve(scheduler, &stage.settings, &fresh).await?;
     let mut regimes = Vec::with_capacity(known.len() + 1);
     for regime in known {
         if regime.evaluation.regime == stage.task.regime {
             regimes.push(learned_now.clone());
         } else {
             let events = Arc::new(at_step(store.reservoir(regime.reservoir_id).await?, stage.settings.dt_s));
-            regimes.push(still_known(regime, new.drive(scheduler, &events).await?));
+            let mut known = still_known(regime, new.drive(scheduler, &events).await?);
+            known.evaluation.served = new.serve(scheduler, &stage.settings, &events).await?;
+            regimes.push(known);
         }
     }
     if old.is_none() {
@@ -96,6 +126,7 @@ fn learned_now(stage: &Stage, measures: Option<TestMeasures>, before: Option<Tes
         learned_stage: stage.number,
         learned_version: 0,
         measures,
+        served: None,
         before,
         diagonal_spacing_mse: measures.map(|m| m.spacing_mse),
         best_spacing_mse: None,
@@ -108,7 +139,7 @@ fn still_known(at_parent: &LineRegime, measures: Option<TestMeasures>) -> Outcom
     let parent = &at_parent.evaluation;
     let best = parent.best_spacing_mse.into_iter().chain(parent.measures.map(|m| m.spacing_mse)).reduce(f64::min);
     OutcomeRegime {
-        evaluation: RegimeEvaluation { measures, before: None, best_spacing_mse: best, ..parent.clone() },
+        evaluation: RegimeEvaluation { measures, served: None, before: None, best_spacing_mse: best, ..parent.clone() },
         shared: Some((at_parent.anchor_id, at_parent.reservoir_id)),
     }
 }

@@ -6,7 +6,7 @@ use sqlx::{Row, query};
 use super::column::{count, digest, floats, optional_count, sha256, word};
 use super::{Store, StoreError};
 use crate::consolidation::RegimeMemory;
-use crate::lineage::{RegimeEvaluation, TestMeasures};
+use crate::lineage::{RegimeEvaluation, ServedMeasures, TestMeasures};
 
 /// A regime a version's line has learned, with what is shared along the line.
 #[derive(Debug, Clone, PartialEq)]
@@ -32,6 +32,18 @@ fn measures_from(
     Ok(Some(TestMeasures { spacing_mse, speed_mse, collisions, events, steps }))
 }
 
+fn served_from(row: &SqliteRow) -> Result<Option<ServedMeasures>, StoreError> {
+    let (spacing_mse, speed_mse) = (row.try_get("served_spacing_mse")?, row.try_get("served_speed_mse")?);
+    let (collisions, acted_steps) =
+        (optional_count(row, "served_collisions")?, optional_count(row, "served_acted_steps")?);
+    Ok(match (spacing_mse, speed_mse, collisions, acted_steps) {
+        (Some(spacing_mse), Some(speed_mse), Some(collisions), Some(acted_steps)) => {
+            Some(ServedMeasures { spacing_mse, speed_mse, collisions, acted_steps })
+        }
+        _ => None,
+    })
+}
+
 fn regime_from(row: &SqliteRow) -> Result<LineRegime, StoreError> {
     Ok(LineRegime {
         evaluation: RegimeEvaluation {
@@ -39,6 +51,7 @@ fn regime_from(row: &SqliteRow) -> Result<LineRegime, StoreError> {
             learned_stage: count(row, "learned_stage")?,
             learned_version: row.try_get("learned_version")?,
             measures: measures_from(row, ["spacing_mse", "speed_mse", "collisions"])?,
+            served: served_from(row)?,
             before: measures_from(row, ["before_spacing_mse", "before_speed_mse", "before_collisions"])?,
             diagonal_spacing_mse: row.try_get("diagonal_spacing_mse")?,
             best_spacing_mse: row.try_get("best_spacing_mse")?,

@@ -13,6 +13,7 @@ fn outcome(judged_against: Option<i64>, decision: PromotionDecision) -> Outcome 
         learned_stage: 1,
         learned_version: 0,
         measures: None,
+        served: None,
         before: None,
         diagonal_spacing_mse: None,
         best_spacing_mse: None,

@@ -207,12 +207,13 @@ async fn insert_regimes(
             Some((anchor_id, reservoir_id)) => (anchor_id, reservoir_id, regime.evaluation.learned_version),
             None => (anchor_id, reservoir_id, version),
         };
-        let RegimeEvaluation { measures, before, .. } = &regime.evaluation;
+        let RegimeEvaluation { measures, served, before, .. } = &regime.evaluation;
         query(
             "insert into version_regime (model_id, version, position, regime, learned_stage, learned_version, anchor_id,
                  reservoir_id, test_events, test_steps, spacing_mse, speed_mse, collisions, before_spacing_mse,
-                 before_speed_mse, before_collisions, diagonal_spacing_mse, best_spacing_mse)
-             values (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
+                 before_speed_mse, before_collisions, diagonal_spacing_mse, best_spacing_mse, served_spacing_mse,
+                 served_speed_mse, served_collisions, served_acted_steps)
+             values (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
         )
         .bind(model_id)
         .bind(version)
@@ -232,6 +233,10 @@ async fn insert_regimes(
         .bind(before.map(|m| m.collisions))
         .bind(regime.evaluation.diagonal_spacing_mse)
         .bind(regime.evaluation.best_spacing_mse)
+        .bind(served.map(|m| m.spacing_mse))
+        .bind(served.map(|m| m.speed_mse))
+        .bind(served.map(|m| m.collisions))
+        .bind(served.map(|m| signed(m.acted_steps)).transpose()?)
         .execute(&mut **transaction)
         .await?;
     }

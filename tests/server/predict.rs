@@ -100,3 +100,43 @@ async fn a_simulation_starts_where_a_prediction_points() {
     assert_eq!(driven["collided"], false);
     server.stop().await;
 }
+
+/// A window behind a leader that stands `spacing` metres ahead.
+fn towards_a_standing_leader(speed: f64, spacing: f64) -> Value {
+    json!({
+        "follower_speed_mps": vec![speed; 5],
+        "leader_speed_mps": vec![0.0; 5],
+        "spacing_m": (0..5).map(|t| spacing + 0.1 * speed * f64::from(4 - t)).collect::<Vec<_>>(),
+    })
+}
+
+#[tokio::test]
+async fn what_is_served_stops_behind_a_standing_leader_whatever_the_network_says() {
+    let server = trained("").await;
+    // 10 m/s and 8 m/s² need 6.25 m, and the network hardly brakes.
+    let start = towards_a_standing_leader(10.0, 7.5);
+    let predicted = server.post(PREDICT, &json!({"windows": [start]})).await.expect(200);
+    let one = &predicted["predictions"][0];
+    assert!(one["accel_mps2"].as_f64().unwrap() < one["raw_accel_mps2"].as_f64().unwrap());
+    assert!(one["flags"].as_array().unwrap().contains(&json!("envelope")));
+    let drive = json!({"initial": start, "leader_speed_mps": vec![0.0; 60]});
+    let driven = server.post(SIMULATE, &drive).await.expect(200);
+    assert_eq!(driven["collided"], false);
+    assert!(driven["flags"].as_array().unwrap().contains(&json!("envelope")));
+    let speeds: Vec<_> = driven["follower_speed_mps"].as_array().unwrap().iter().map(|v| v.as_f64().unwrap()).collect();
+    assert!(speeds.iter().all(|&v| v >= 0.0) && speeds[59] < 0.5);
+    server.stop().await;
+}
+
+#[tokio::test]
+async fn a_model_without_the_envelope_serves_its_network() {
+    let server = trained("[model]\nenvelope = false").await;
+    let start = towards_a_standing_leader(10.0, 7.5);
+    let predicted = server.post(PREDICT, &json!({"windows": [start]})).await.expect(200);
+    let one = &predicted["predictions"][0];
+    assert_eq!(one["accel_mps2"], one["raw_accel_mps2"]);
+    assert!(!one["flags"].as_array().unwrap().contains(&json!("envelope")));
+    let drive = json!({"initial": start, "leader_speed_mps": vec![0.0; 60]});
+    assert_eq!(server.post(SIMULATE, &drive).await.expect(200)["collided"], true);
+    server.stop().await;
+}

@@ -9,7 +9,7 @@ use tokio::sync::mpsc::UnboundedSender;
 use crate::car_following::Event;
 use crate::consolidation::RegimeMemory;
 use crate::driver::{DriverShape, Scaling};
-use crate::evaluation::Errors;
+use crate::evaluation::{Errors, ServedErrors};
 use crate::lstm::Layout;
 use crate::scheduler::Learner;
 use crate::training::{LearnError, Learned, Observer, Progress, StageInput};
@@ -139,5 +139,19 @@ impl Learner for Fake {
         let steps = events.len() as u64;
         let sum = f64::from(weights[0]) * steps as f64;
         Errors { spacing_sq: sum, speed_sq: sum, collisions: 0, events: u32::try_from(steps).unwrap(), steps }
+    }
+    fn evaluate_served(
+        &self,
+        _: DriverShape,
+        _: &Scaling,
+        weights: &[f32],
+        events: &[Event],
+        _: &ThreadPool,
+    ) -> ServedErrors {
+        let steps = events.len() as u64;
+        let sum = 2.0 * f64::from(weights[0]) * steps as f64;
+        let errors =
+            Errors { spacing_sq: sum, speed_sq: sum, collisions: 0, events: u32::try_from(steps).unwrap(), steps };
+        ServedErrors { errors, acted_steps: 1 }
     }
 }
