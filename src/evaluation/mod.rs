@@ -7,5 +7,5 @@ mod reference;
 
 pub use calibrate::{Calibration, CalibrationSettings, calibrate};
 pub use errors::Errors;
-pub use network::{ServedErrors, drive_all, evaluate, evaluate_served};
+pub use network::{ServedErrors, drive_all, drive_events, evaluate, evaluate_served};
 pub use reference::evaluate_reference;
