@@ -113,8 +113,8 @@ fn towards_a_standing_leader(speed: f64, spacing: f64) -> Value {
 #[tokio::test]
 async fn what_is_served_stops_behind_a_standing_leader_whatever_the_network_says() {
     let server = trained("").await;
-    // 10 m/s and 8 m/s² need 6.25 m, and the network hardly brakes.
-    let start = towards_a_standing_leader(10.0, 7.5);
+    // 10 m/s and 8 m/s² need 6.25 m, a step more costs 1 m, and the network hardly brakes.
+    let start = towards_a_standing_leader(10.0, 7.0);
     let predicted = server.post(PREDICT, &json!({"windows": [start]})).await.expect(200);
     let one = &predicted["predictions"][0];
     assert!(one["accel_mps2"].as_f64().unwrap() < one["raw_accel_mps2"].as_f64().unwrap());
@@ -131,7 +131,7 @@ async fn what_is_served_stops_behind_a_standing_leader_whatever_the_network_says
 #[tokio::test]
 async fn a_model_without_the_envelope_serves_its_network() {
     let server = trained("[model]\nenvelope = false").await;
-    let start = towards_a_standing_leader(10.0, 7.5);
+    let start = towards_a_standing_leader(10.0, 7.0);
     let predicted = server.post(PREDICT, &json!({"windows": [start]})).await.expect(200);
     let one = &predicted["predictions"][0];
     assert_eq!(one["accel_mps2"], one["raw_accel_mps2"]);
