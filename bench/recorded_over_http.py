@@ -12,6 +12,7 @@ Prints one row per seed and method, the table of means as Markdown, and writes e
 """
 
 import argparse
+import hashlib
 import io
 import json
 import os
@@ -81,10 +82,20 @@ class Server:
         return task
 
 
-def run(server, method, seed, settings, bodies):
+def setting(text):
+    """NAME=VALUE, the value in JSON, or a word as it is."""
+    name, value = text.split("=", 1)
+    try:
+        return name, json.loads(value)
+    except ValueError:
+        return name, value
+
+
+def run(server, variant, seed, settings, bodies):
     """Learns the tasks in turn; the evaluation of each stage and the strength and lambda used."""
-    model = f"{method}-{seed}"
-    settings = {"seed": seed, "schedule": "manual", "promotion": "auto", **settings}
+    method, *own = variant.split("+")
+    model = f"{method}-{seed}-{hashlib.sha256(variant.encode()).hexdigest()[:8]}"
+    settings = {"seed": seed, "schedule": "manual", "promotion": "auto", **settings, **dict(map(setting, own))}
     server.call("POST", "/v1/models", {"model": model, "method": method, "settings": settings})
     stages = []
     for regime, body in zip(REGIMES, bodies):
@@ -93,7 +104,7 @@ def run(server, method, seed, settings, bodies):
         kept, evaluation = server.call("GET", path), server.call("GET", f"{path}/evaluation")
         tasks = {task["regime"]: task for task in evaluation["tasks"]}
         stages.append({"lambda": kept["lambda"], "strength": kept["strength"], "tasks": tasks})
-    return {"method": method, "seed": seed, "stages": stages}
+    return {"method": variant, "seed": seed, "stages": stages}
 
 
 def error(result, stage, task, measure="spacing_mse"):
@@ -121,15 +132,17 @@ def main():
     cli = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     cli.add_argument("--events", nargs="+", required=True)
     cli.add_argument("--splits", required=True, help="CSV with columns event_id, task, split")
-    cli.add_argument("--methods", default="naive,joint,ewc,mas", help="naive and joint first: the others are compared with them")
+    cli.add_argument("--methods", default="naive,joint,ewc,mas",
+                     help="naive and joint first: the others are compared with them; METHOD+NAME=VALUE+… is the method with "
+                          "settings of its own, e.g. ewc+estimator=sampled+output=closed_loop")
     cli.add_argument("--seeds", default="42,43,44")
     cli.add_argument("--steps", type=int, default=150)
     cli.add_argument("--threads", type=int, default=os.cpu_count())
-    cli.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help="a model setting, value in JSON")
+    cli.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help="a model setting")
     cli.add_argument("--binary", default="target/release/headway")
     cli.add_argument("--out", type=pathlib.Path)
     args = cli.parse_args()
-    settings = {name: json.loads(value) for name, value in (one.split("=", 1) for one in args.set)}
+    settings = dict(map(setting, args.set))
     bodies = [parquet(table) for table in read_tasks(args.events, args.splits, args.steps)]
     results, rows = {}, {}
     with tempfile.TemporaryDirectory() as folder:

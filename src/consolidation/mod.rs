@@ -7,6 +7,7 @@ mod memory;
 mod method;
 mod noise;
 mod options;
+mod path;
 mod penalty;
 mod sampled;
 mod seeds;
@@ -19,5 +20,6 @@ pub use method::{Kept, Method};
 pub use options::{
     Accumulation, Estimator, ImportanceOptions, LEAST_SENSITIVITY_DRAWS, MasOutput, Output, PenaltyStep,
 };
+pub use path::PathIntegral;
 pub use penalty::Penalty;
 pub use strength::{default_accumulation, default_strength, lambda};

@@ -1,7 +1,7 @@
 //! The penalty once, for every method: a diagonal quadratic that any number of anchors collapses to.
 
 use super::accumulation::Accumulate;
-use super::{Kept, RegimeMemory};
+use super::{Method, RegimeMemory};
 
 /// `½ Σ A_i (θ_i − μ_i)² + rest`, which equals the sum of the separate penalties exactly.
 ///
@@ -18,16 +18,14 @@ pub struct Penalty {
 }
 
 impl Penalty {
-    /// Collapses what is kept of the regimes; `latest` are the weights before the stage. `None` when nothing is kept.
+    /// Collapses what is kept of the regimes; `latest` are the weights before the stage. `None` when nothing is kept, or the
+    /// method holds on to nothing.
     #[must_use]
-    pub fn collapse(kept: Kept, accumulate: Accumulate, memory: &[RegimeMemory], latest: &[f32]) -> Option<Self> {
-        let weight = match kept {
-            Kept::Fisher => 1.0,
-            Kept::Sensitivity => 2.0,
-        };
-        if memory.is_empty() {
+    pub fn collapse(method: Method, accumulate: Accumulate, memory: &[RegimeMemory], latest: &[f32]) -> Option<Self> {
+        if memory.is_empty() || !method.consolidates() {
             return None;
         }
+        let weight = method.penalty_factor();
         let shares = accumulate.shares(memory);
         let parameters = latest.len();
         let (mut stiffness, mut center) = (Vec::with_capacity(parameters), Vec::with_capacity(parameters));
@@ -126,7 +124,7 @@ mod tests {
             weights in uniform3(-3.0_f32..3.0),
         ) {
             let kept: Vec<_> = kept.iter().map(|(importance, anchor)| memory(importance, anchor)).collect();
-            for (method, factor) in [(Kept::Fisher, 0.5), (Kept::Sensitivity, 1.0)] {
+            for (method, factor) in [(Method::Ewc, 0.5), (Method::Mas, 1.0)] {
                 let apart: f64 = kept.iter().flat_map(|k| (0..3).map(move |i| {
                     factor * f64::from(k.importance[i]) * (f64::from(weights[i]) - f64::from(k.anchor[i])).powi(2)
                 })).sum();
@@ -138,7 +136,7 @@ mod tests {
         #[test]
         fn the_gradient_is_the_derivative_of_the_value(weights in uniform2(-3.0_f32..3.0)) {
             let kept = [memory(&[1.0, 0.5], &[0.3, -1.0]), memory(&[0.2, 2.0], &[1.0, 1.0])];
-            let penalty = Penalty::collapse(Kept::Sensitivity, SEPARATE, &kept, &[0.0; 2]).unwrap();
+            let penalty = Penalty::collapse(Method::Mas, SEPARATE, &kept, &[0.0; 2]).unwrap();
             let mut gradient = vec![0.0; 2];
             penalty.add_gradient(3.0, &weights, &mut gradient);
             for i in 0..2 {
@@ -152,7 +150,7 @@ mod tests {
 
         #[test]
         fn the_pull_is_stable_for_every_strength(exponent in -6..=12_i32, weight in -3.0_f32..3.0) {
-            let penalty = Penalty::collapse(Kept::Fisher, SEPARATE, &[memory(&[2.0], &[1.0])], &[0.0]).unwrap();
+            let penalty = Penalty::collapse(Method::Ewc, SEPARATE, &[memory(&[2.0], &[1.0])], &[0.0]).unwrap();
             let mut weights = [weight];
             penalty.pull(10.0_f64.powi(exponent), &mut weights);
             let (low, high) = (weight.min(1.0), weight.max(1.0));
@@ -164,7 +162,7 @@ mod tests {
     fn sum_latest_anchors_everything_at_the_latest_weights() {
         let kept = [memory(&[1.0], &[5.0]), memory(&[3.0], &[7.0])];
         let penalty =
-            Penalty::collapse(Kept::Fisher, Accumulate { rule: Accumulation::SumLatest, ..SEPARATE }, &kept, &[2.0])
+            Penalty::collapse(Method::Ewc, Accumulate { rule: Accumulation::SumLatest, ..SEPARATE }, &kept, &[2.0])
                 .unwrap();
         assert_eq!(penalty.value(&[2.0]), 0.0);
         assert_eq!(penalty.value(&[3.0]), 2.0);
@@ -175,7 +173,7 @@ mod tests {
         let online = Accumulate { rule: Accumulation::Online, decay: 0.5 };
         let older = memory(&[8.0], &[5.0]);
         let newer = RegimeMemory { stage: 2, ..memory(&[2.0], &[7.0]) };
-        let penalty = Penalty::collapse(Kept::Fisher, online, &[older, newer], &[3.0]).unwrap();
+        let penalty = Penalty::collapse(Method::Ewc, online, &[older, newer], &[3.0]).unwrap();
         // γ (γ 8 + 2) = 3
         assert_eq!((penalty.value(&[3.0]), penalty.value(&[5.0])), (0.0, 6.0));
     }
@@ -183,7 +181,7 @@ mod tests {
     #[test]
     fn the_modulated_step_slows_what_matters_and_pulls_nothing_back() {
         let penalty =
-            Penalty::collapse(Kept::Fisher, SEPARATE, &[memory(&[0.0, 1.0, 3.0], &[9.0; 3])], &[0.0; 3]).unwrap();
+            Penalty::collapse(Method::Ewc, SEPARATE, &[memory(&[0.0, 1.0, 3.0], &[9.0; 3])], &[0.0; 3]).unwrap();
         let mut weights = [1.0, 1.0, -1.0];
         penalty.modulate(1.0, &[0.0; 3], &mut weights);
         assert_eq!(weights, [1.0, 0.5, -0.25]);
@@ -192,7 +190,11 @@ mod tests {
     }
 
     #[test]
-    fn nothing_kept_is_no_penalty() {
-        assert!(Penalty::collapse(Kept::Fisher, SEPARATE, &[], &[0.0]).is_none());
+    fn nothing_kept_and_methods_that_hold_on_to_nothing_have_no_penalty() {
+        let kept = [memory(&[1.0], &[1.0])];
+        for method in [Method::Naive, Method::Joint, Method::Replay] {
+            assert!(Penalty::collapse(method, SEPARATE, &kept, &[0.0]).is_none());
+        }
+        assert!(Penalty::collapse(Method::Ewc, SEPARATE, &[], &[0.0]).is_none());
     }
 }

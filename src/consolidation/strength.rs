@@ -40,13 +40,13 @@ pub fn lambda(strength: f64, step: PenaltyStep, penalty: &Penalty) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::consolidation::{Accumulate, Kept, RegimeMemory};
+    use crate::consolidation::{Accumulate, RegimeMemory};
 
     fn penalty(scale: f32) -> Penalty {
         let importance = [0.0, 1.0, 2.0, 3.0, 1000.0].map(|x| x * scale).to_vec();
         let memory = RegimeMemory { regime: String::new(), importance, anchor: vec![0.0; 5], samples: 1, stage: 1 };
         let separate = Accumulate { rule: Accumulation::Separate, decay: 1.0 };
-        Penalty::collapse(Kept::Fisher, separate, &[memory.clone(), memory], &[0.0; 5]).unwrap()
+        Penalty::collapse(Method::Ewc, separate, &[memory.clone(), memory], &[0.0; 5]).unwrap()
     }
 
     #[test]

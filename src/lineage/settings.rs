@@ -63,6 +63,12 @@ pub struct ModelSettings {
     pub online_decay: f64,
     /// How the penalty is applied.
     pub penalty_step: PenaltyStep,
+    /// Training events of each earlier regime that are replayed: those of least digest.
+    pub replay_events: u32,
+    /// Share of an update's events that are replayed.
+    pub replay_share: f64,
+    /// Damping ξ of synaptic intelligence, a squared change of weights.
+    pub si_damping: f64,
     /// Of every random choice in training.
     pub seed: u64,
     /// Of the split into training, validation and test.
@@ -107,6 +113,9 @@ impl Default for ModelSettings {
             accumulation: None,
             online_decay: 0.95,
             penalty_step: PenaltyStep::Proximal,
+            replay_events: 100,
+            replay_share: 0.5,
+            si_damping: 0.001,
             seed: 42,
             split_seed: 0,
             envelope: true,
@@ -204,6 +213,9 @@ impl ModelSettings {
         real("lambda", self.lambda.unwrap_or(1.0), 0.0, 1e30)?;
         whole("estimator_draws", self.estimator_draws, 1, 16)?;
         real("online_decay", self.online_decay, 0.0, 1.0)?;
+        whole("replay_events", self.replay_events, 1, 100_000)?;
+        real("replay_share", self.replay_share, 0.0, 0.95)?;
+        real("si_damping", self.si_damping, 1e-9, 1e3)?;
         real("promotion_error_ratio", self.promotion_error_ratio, 1.0, 1e6)?;
         whole("max_regimes", self.max_regimes, 1, 4096)?;
         whole("test_reservoir", self.test_reservoir, 1, 100_000)?;

@@ -82,6 +82,8 @@ impl ModelSettings {
             accumulation: self.accumulation,
             online_decay: self.online_decay,
             penalty_step: self.penalty_step,
+            replay_share: self.replay_share,
+            si_damping: self.si_damping,
             seed: self.seed,
         }
     }

@@ -8,7 +8,7 @@ use crate::consolidation::{Method, RegimeMemory};
 use crate::driver::Scaling;
 use crate::lineage::{Model, ModelSettings, Task, TaskError, Version};
 use crate::store::{LedgerEvent, LineRegime, Store, StoreError};
-use crate::training::StageInput;
+use crate::training::{ReplayedRegime, StageInput};
 
 /// What a stage starts from.
 #[derive(Debug)]
@@ -26,6 +26,8 @@ pub(super) struct Stage {
     /// Over the digests of the training events.
     pub(super) events_sha256: [u8; 32],
     memories: Vec<RegimeMemory>,
+    /// Training events of the line's earlier stages, at the model's step.
+    replay: Vec<ReplayedRegime>,
 }
 
 /// A version with its weights, ready to be measured.
@@ -80,11 +82,22 @@ impl Stage {
             }
             _ => store.training_events(task.task_id).await?,
         };
+        let replay = match &parent {
+            Some(parent) if model.method.replays() => {
+                let limit = settings.replay_events;
+                store.line_replay_events(model.model_id, task.task_id, parent.version.version, limit).await?
+            }
+            _ => Vec::new(),
+        };
+        let replay = replay
+            .into_iter()
+            .map(|(regime, events)| ReplayedRegime { regime, events: at_step(events, settings.dt_s) })
+            .collect();
         let events_sha256 = digest(&events);
         let train = at_step(events, settings.dt_s);
         let validation = store.validation_events(task.task_id, settings.test_reservoir).await?;
         let validation = at_step(validation, settings.dt_s);
-        Ok(Self { task, model, settings, number, parent, train, validation, events_sha256, memories })
+        Ok(Self { task, model, settings, number, parent, train, validation, events_sha256, memories, replay })
     }
 
     /// What the arithmetic is told.
@@ -98,6 +111,7 @@ impl Stage {
             parent_weights: self.parent.as_ref().filter(|_| !afresh).map(|parent| parent.weights.as_slice()),
             scaling: self.parent.as_ref().map(|parent| parent.scaling),
             memory: &self.memories,
+            replay: &self.replay,
             train: &self.train,
             validation: &self.validation,
         }

@@ -94,6 +94,54 @@ impl Store {
         events_from(rows).await
     }
 
+    /// For each regime that the tasks behind `parent` and its parents learned, in order of their names: the `limit` training
+    /// events of least digest among those learned, without the task's own, in order of their digests. What methods that
+    /// replay learn beside the new events.
+    ///
+    /// # Errors
+    /// When the database cannot be read.
+    pub async fn line_replay_events(
+        &self,
+        model_id: i64,
+        task_id: i64,
+        parent: i64,
+        limit: u32,
+    ) -> Result<Vec<(String, Vec<LedgerEvent>)>, StoreError> {
+        let mut rows = query(
+            "with recursive line (version, parent, task_id, regime) as (
+                 select version, parent, task_id, regime from version where model_id = ?1 and version = ?2
+                 union all
+                 select v.version, v.parent, v.task_id, v.regime from line
+                 join version v on v.model_id = ?1 and v.version = line.parent
+             ),
+             learned as (
+                 select distinct line.regime, e.event_id, e.content_sha256
+                 from line join task_event te using (task_id) join event e using (event_id)
+                 where e.split = 'train' and e.event_id not in (select event_id from task_event where task_id = ?3)
+             ),
+             ranked as (
+                 select *, row_number() over (partition by regime order by content_sha256) as place from learned
+             )
+             select r.regime, e.event_id, e.content_sha256, e.dt_s, e.arrays
+             from ranked r join event e using (event_id)
+             where r.place <= ?4 order by r.regime, e.content_sha256",
+        )
+        .bind(model_id)
+        .bind(parent)
+        .bind(task_id)
+        .bind(limit)
+        .fetch(&self.readers);
+        let mut regimes: Vec<(String, Vec<LedgerEvent>)> = Vec::new();
+        while let Some(row) = rows.try_next().await? {
+            let (regime, event) = (row.try_get("regime")?, event_from(&row)?);
+            match regimes.last_mut() {
+                Some((last, events)) if *last == regime => events.push(event),
+                _ => regimes.push((regime, vec![event])),
+            }
+        }
+        Ok(regimes)
+    }
+
     /// The test events of a reservoir, if there is one yet, after a task: the `limit` of least digest among the old ones
     /// and the task's, in order of their digests.
     ///

@@ -6,9 +6,10 @@ use super::adam::Adam;
 use super::input::StageInput;
 use super::observer::Interim;
 use crate::car_following::Event;
+use crate::consolidation::PathIntegral;
 use crate::evaluation::Errors;
 
-const MAGIC: &[u8; 8] = b"HWCKPT02";
+const MAGIC: &[u8; 8] = b"HWCKPT03";
 
 /// Where a stage stands between two updates.
 #[derive(Debug, Clone, PartialEq)]
@@ -29,13 +30,25 @@ pub(super) struct Checkpoint {
     pub weights: Vec<f32>,
     /// The optimiser.
     pub adam: Adam,
+    /// What the way so far was worth, for synaptic intelligence.
+    pub path: Option<PathIntegral>,
 }
 
 impl Checkpoint {
     /// Before the first update.
     pub(super) fn begin(fingerprint: [u8; 32], weights: Vec<f32>) -> Self {
         let adam = Adam::new(weights.len());
-        Self { fingerprint, epoch: 0, minibatch: 0, epoch_loss: 0.0, update_s: 0.0, interim: None, weights, adam }
+        Self {
+            fingerprint,
+            epoch: 0,
+            minibatch: 0,
+            epoch_loss: 0.0,
+            update_s: 0.0,
+            interim: None,
+            weights,
+            adam,
+            path: None,
+        }
     }
 
     pub(super) fn to_bytes(&self) -> Vec<u8> {
@@ -54,7 +67,10 @@ impl Checkpoint {
         bytes.extend(interim.errors.collisions.to_le_bytes());
         bytes.extend(interim.errors.events.to_le_bytes());
         bytes.extend(interim.errors.steps.to_le_bytes());
-        for values in [&self.weights, &self.adam.first, &self.adam.second] {
+        let path = self.path.as_ref().map(PathIntegral::sums).unwrap_or_default();
+        bytes.extend((self.weights.len() as u64).to_le_bytes());
+        bytes.extend((path.len() as u64).to_le_bytes());
+        for values in [&self.weights, &self.adam.first, &self.adam.second, path] {
             bytes.extend(values.iter().flat_map(|x| x.to_le_bytes()));
         }
         bytes
@@ -92,14 +108,20 @@ impl Checkpoint {
             },
         };
         let interim = Some(interim).filter(|interim| interim.epoch > 0);
-        if !rest.len().is_multiple_of(12) {
-            return Err("its arrays are cut".to_owned());
+        let parameters = u64::from_le_bytes(eight(take(8)?));
+        let of_path = u64::from_le_bytes(eight(take(8)?));
+        let mut floats = |count: u64| {
+            let bytes =
+                usize::try_from(count).ok().and_then(|count| count.checked_mul(4)).ok_or("its arrays are too long")?;
+            Ok::<Vec<f32>, String>(take(bytes)?.chunks_exact(4).map(|x| f32::from_le_bytes(four(x))).collect())
+        };
+        let weights = floats(parameters)?;
+        let adam = Adam { updates, first: floats(parameters)?, second: floats(parameters)? };
+        let path = Some(floats(of_path)?).filter(|sums| !sums.is_empty()).map(PathIntegral::resumed);
+        if !rest.is_empty() {
+            return Err("its arrays are too long".to_owned());
         }
-        let values: Vec<f32> = rest.chunks_exact(4).map(|bytes| f32::from_le_bytes(four(bytes))).collect();
-        let third = values.len() / 3;
-        let adam = Adam { updates, first: values[third..2 * third].to_vec(), second: values[2 * third..].to_vec() };
-        let weights = values[..third].to_vec();
-        Ok(Self { fingerprint: *fingerprint, epoch, minibatch, epoch_loss, update_s, interim, weights, adam })
+        Ok(Self { fingerprint: *fingerprint, epoch, minibatch, epoch_loss, update_s, interim, weights, adam, path })
     }
 }
 
@@ -119,6 +141,12 @@ pub(super) fn fingerprint(input: &StageInput<'_>, train: &[&Event]) -> [u8; 32] 
     for event in train {
         hasher.update(event.content_sha256());
     }
+    for of in input.replay {
+        hasher.update(&of.regime);
+        for event in &of.events {
+            hasher.update(event.content_sha256());
+        }
+    }
     hasher.finalize().into()
 }
 
@@ -136,6 +164,7 @@ mod tests {
         let errors = Errors { spacing_sq: 1.5, speed_sq: 0.1, collisions: 3, events: 4, steps: 5 };
         checkpoint.interim = Some(Interim { epoch: 2, errors });
         checkpoint.adam.step(&mut checkpoint.weights, &[0.5, 0.5, 0.5], 0.1);
+        checkpoint.path = Some(PathIntegral::resumed(vec![0.5, 0.25, -1.0]));
         let bytes = checkpoint.to_bytes();
         assert_eq!(Checkpoint::from_bytes(&bytes, &[7; 32]), Ok(checkpoint));
         assert!(Checkpoint::from_bytes(&bytes, &[8; 32]).is_err());

@@ -1,5 +1,6 @@
 //! What a stage learns from.
 
+use super::replay::ReplayedRegime;
 use crate::car_following::Event;
 use crate::consolidation::{Accumulation, ImportanceOptions, Method, PenaltyStep, RegimeMemory};
 use crate::driver::{DriverShape, Scaling};
@@ -35,6 +36,10 @@ pub struct LearnSettings {
     pub online_decay: f64,
     /// How the penalty is applied.
     pub penalty_step: PenaltyStep,
+    /// Share of an update's events that are replayed, where the method replays and there are some.
+    pub replay_share: f64,
+    /// ξ of synaptic intelligence.
+    pub si_damping: f64,
     /// Of every random choice.
     pub seed: u64,
 }
@@ -55,6 +60,8 @@ pub struct StageInput<'a> {
     pub scaling: Option<Scaling>,
     /// What earlier stages keep, in the order the regimes were first learned.
     pub memory: &'a [RegimeMemory],
+    /// Training events of regimes learned earlier, for methods that replay.
+    pub replay: &'a [ReplayedRegime],
     /// Training events at the model's step, in any order: they are put into order of content.
     pub train: &'a [Event],
     /// Events to drive after every epoch, at the model's step. They tell how far learning is, and change nothing.

@@ -8,6 +8,7 @@ mod loss;
 mod minibatch;
 mod observer;
 mod order;
+mod replay;
 mod sanity;
 mod stage;
 
@@ -17,4 +18,5 @@ pub use learned::{LearnError, Learned};
 pub use loss::{Penalties, loss};
 pub use minibatch::minibatch_gradient;
 pub use observer::{Interim, Observer, Progress};
+pub use replay::ReplayedRegime;
 pub use stage::learn_stage;

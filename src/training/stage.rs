@@ -12,10 +12,12 @@ use super::loss::Penalties;
 use super::minibatch::minibatch_gradient;
 use super::observer::{Interim, Observer, Progress};
 use super::order::{by_content, keyed, shuffle};
+use super::replay::Replay;
 use super::sanity::coasting_loss;
 use crate::car_following::Event;
 use crate::consolidation::{
-    Accumulate, Method, Penalty, PenaltyStep, RegimeMemory, default_accumulation, default_strength, importance, lambda,
+    Accumulate, Method, PathIntegral, Penalty, PenaltyStep, RegimeMemory, default_accumulation, default_strength,
+    importance, lambda,
 };
 use crate::driver::{Crew, Scaling};
 use crate::evaluation::{Errors, drive_all};
@@ -58,6 +60,7 @@ struct Stage<'a> {
     input: &'a StageInput<'a>,
     train: &'a [&'a Event],
     validation: &'a [&'a Event],
+    replay: Replay<'a>,
     crew: Crew<'a, f32>,
     scaling: Scaling,
     penalty: Option<(Penalty, f64)>,
@@ -67,7 +70,9 @@ struct Stage<'a> {
     fingerprint: [u8; 32],
     state: Checkpoint,
     gradient: Vec<f32>,
-    /// The weights before an update, where its step is modulated.
+    /// The gradient as it was before the penalty and the clipping, where its path is followed.
+    plain_gradient: Vec<f32>,
+    /// The weights before an update.
     before: Vec<f32>,
     /// What was told last.
     told: Option<Progress>,
@@ -83,15 +88,10 @@ impl<'a> Stage<'a> {
         workers: &'a ThreadPool,
     ) -> Self {
         let settings = &input.settings;
-        let layout = Layout { hidden: settings.shape.hidden };
-        let weights = match (input.method, input.parent_weights) {
-            (Method::Joint, _) | (_, None) => initial_weights(layout, settings.seed),
-            (_, Some(parent)) => parent.to_vec(),
-        };
+        let weights = first_weights(input);
         let rule = settings.accumulation.unwrap_or_else(|| default_accumulation(input.method));
         let accumulate = Accumulate { rule, decay: settings.online_decay };
-        let kept = input.method.keeps();
-        let penalty = kept.and_then(|kept| Penalty::collapse(kept, accumulate, input.memory, &weights));
+        let penalty = Penalty::collapse(input.method, accumulate, input.memory, &weights);
         let strength = input.method.consolidates().then(|| settings.strength.unwrap_or(default_strength(input.method)));
         let penalty = penalty.map(|penalty| {
             let lambda = settings
@@ -100,6 +100,10 @@ impl<'a> Stage<'a> {
             (penalty, lambda)
         });
         let fingerprint = fingerprint(input, train);
+        let replayed = if input.method.replays() { input.replay } else { &[] };
+        let replay = Replay::new(replayed, settings.replay_share, settings.minibatch, settings.shape.horizon);
+        let coasting = |events: &[&Event]| coasting_loss(events, settings.shape, penalties(settings));
+        let path = input.method.follows_path().then(|| PathIntegral::new(weights.len()));
         Self {
             train,
             validation,
@@ -107,11 +111,13 @@ impl<'a> Stage<'a> {
             scaling: input.scaling.unwrap_or_else(|| Scaling::estimate(train)),
             penalty,
             strength: strength.filter(|_| settings.lambda.is_none()),
-            loss_limit: 4.0 * coasting_loss(train, settings.shape, penalties(settings)),
-            gradient: vec![0.0; layout.len()],
+            loss_limit: 4.0 * coasting(train).max(coasting(&replay.events())),
+            replay,
+            gradient: vec![0.0; weights.len()],
+            plain_gradient: Vec::new(),
             before: Vec::new(),
             told: None,
-            state: Checkpoint::begin(fingerprint, weights),
+            state: Checkpoint { path, ..Checkpoint::begin(fingerprint, weights) },
             fingerprint,
             resumed_at: Instant::now(),
             events_since: 0,
@@ -123,16 +129,17 @@ impl<'a> Stage<'a> {
         let settings = &self.input.settings;
         let mut order: Vec<usize> = (0..self.train.len()).collect();
         shuffle(&mut order, &mut keyed("order", settings.seed, self.input.stage, self.state.epoch));
-        let minibatches: Vec<&[usize]> = order.chunks(settings.minibatch).collect();
+        let minibatches: Vec<&[usize]> = order.chunks(self.replay.new).collect();
         let updates = minibatches.len() as u64 * u64::from(settings.epochs);
         for minibatch in minibatches.iter().skip(self.state.minibatch as usize) {
             let began = Instant::now();
-            let events: Vec<&Event> = minibatch.iter().map(|&i| self.train[i]).collect();
+            let mut events: Vec<&Event> = minibatch.iter().map(|&i| self.train[i]).collect();
+            events.extend(self.replayed(minibatch.len()));
             let (loss, penalty) = self.update(&events)?;
             self.state.update_s += began.elapsed().as_secs_f64();
             self.state.epoch_loss += loss * events.len() as f64;
             self.state.minibatch += 1;
-            self.events_since += events.len() as u64;
+            self.events_since += minibatch.len() as u64;
             let progress = Progress {
                 epoch: self.state.epoch + 1,
                 update: self.state.adam.updates,
@@ -156,6 +163,14 @@ impl<'a> Stage<'a> {
         self.state.minibatch = 0;
         self.state.epoch_loss = 0.0;
         Ok(())
+    }
+
+    /// Earlier events for the next update, beside so many new ones.
+    fn replayed(&self, new: usize) -> Vec<&'a Event> {
+        let Checkpoint { epoch, minibatch, .. } = self.state;
+        let of_epochs = epoch as usize * self.replay.of_epoch(self.train.len());
+        let before = of_epochs + self.replay.of_epoch(minibatch as usize * self.replay.new);
+        self.replay.draw(self.input.settings.seed, self.input.stage, before, new)
     }
 
     /// Drives the validation events with the weights as they are, which stay as they are. Stopped on the way, the stage has
@@ -190,7 +205,8 @@ impl<'a> Stage<'a> {
     }
 
     fn refuse_divergence(&self) -> Result<(), LearnError> {
-        let mean_loss = self.state.epoch_loss / self.train.len() as f64;
+        let events = self.train.len() + self.replay.of_epoch(self.train.len());
+        let mean_loss = self.state.epoch_loss / events as f64;
         if mean_loss > self.loss_limit {
             let detail = format!(
                 "the loss of epoch {} is {mean_loss:.1}, more than {:.1}: four times that of a driver who never accelerates",
@@ -215,6 +231,9 @@ impl<'a> Stage<'a> {
             penalties(settings),
             &mut self.gradient,
         );
+        if self.state.path.is_some() {
+            self.plain_gradient.clone_from(&self.gradient);
+        }
         let mut value = 0.0;
         if let Some((penalty, lambda)) = &self.penalty {
             value = lambda * penalty.value(weights);
@@ -232,6 +251,9 @@ impl<'a> Stage<'a> {
                 PenaltyStep::Proximal => penalty.pull(eta, weights),
                 PenaltyStep::Modulated => penalty.modulate(eta, &self.before, weights),
             }
+        }
+        if let Some(path) = &mut self.state.path {
+            path.add(&self.plain_gradient, &self.before, weights);
         }
         if loss.is_finite() && norm.is_finite() {
             Ok((loss, value))
@@ -255,14 +277,31 @@ impl<'a> Stage<'a> {
 
     /// What to keep of the regime. Stopped on the way, the stage goes on here.
     fn memory(&self, observer: &mut dyn Observer) -> Result<Option<RegimeMemory>, LearnError> {
-        let Some(kept) = self.input.method.keeps() else { return Ok(None) };
-        let (options, weights) = (self.input.settings.importance, &self.state.weights);
-        let mut go_on = || !observer.wants_stop();
-        let new = importance(kept, options, &self.crew, &self.scaling, weights, self.train, &mut go_on);
-        let Some((importance, samples)) = new else { return Err(self.stopped(observer)) };
+        let (settings, weights) = (&self.input.settings, &self.state.weights);
+        let (importance, samples) = if let Some(path) = &self.state.path {
+            let steps: usize = self.train.iter().map(|event| event.steps() - settings.shape.horizon).sum();
+            (path.importance(&first_weights(self.input), weights, settings.si_damping), steps as u64)
+        } else if let Some(kept) = self.input.method.keeps() {
+            let mut go_on = || !observer.wants_stop();
+            let options = settings.importance;
+            importance(kept, options, &self.crew, &self.scaling, weights, self.train, &mut go_on)
+                .ok_or_else(|| self.stopped(observer))?
+        } else {
+            return Ok(None);
+        };
         let earlier = self.input.memory.iter().find(|kept| kept.regime == self.input.regime);
         let new = (importance.as_slice(), samples);
         Ok(Some(RegimeMemory::after(self.input.regime, self.input.stage, earlier, new, weights)))
+    }
+}
+
+/// The weights a stage starts from.
+fn first_weights(input: &StageInput<'_>) -> Vec<f32> {
+    match (input.method, input.parent_weights) {
+        (Method::Joint, _) | (_, None) => {
+            initial_weights(Layout { hidden: input.settings.shape.hidden }, input.settings.seed)
+        }
+        (_, Some(parent)) => parent.to_vec(),
     }
 }
 

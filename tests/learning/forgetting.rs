@@ -7,8 +7,8 @@ use headway::training::{LearnSettings, Learned};
 
 use super::line::{Line, distance, settings, traffic, workers};
 
-/// The methods that keep importance.
-const CONSOLIDATING: [Method; 2] = [Method::Ewc, Method::Mas];
+/// The methods that keep importance, each kind of it once.
+const CONSOLIDATING: [Method; 3] = [Method::Ewc, Method::Mas, Method::Si];
 
 /// The first steps of some events, for what takes long.
 fn short(regime: TrafficRegime, events: usize) -> Vec<Event> {
@@ -21,8 +21,11 @@ fn short(regime: TrafficRegime, events: usize) -> Vec<Event> {
     traffic(regime, events).iter().map(short).collect()
 }
 
-/// Every way to compute importance that the method has.
+/// Every way to compute importance that the method has; where it has none, its own.
 fn importances(method: Method) -> Vec<ImportanceOptions> {
+    if method.keeps().is_none() {
+        return vec![settings().importance];
+    }
     let mut all = Vec::new();
     for estimator in [Estimator::Exact, Estimator::Empirical, Estimator::Sampled] {
         for output in [Output::OpenLoop, Output::ClosedLoop] {
@@ -70,6 +73,27 @@ fn every_combination_of_options_penalises_after_stage_one_and_holds_what_matters
                 }
             }
         }
+    }
+}
+
+#[test]
+fn every_method_forgets_less_than_naive_and_learns_the_new_traffic() {
+    let (mut fast, mut slow) = (traffic(TrafficRegime::Fast, 120), traffic(TrafficRegime::Slow, 120));
+    let (test_fast, test_slow) = (fast.split_off(80), slow.split_off(80));
+    let settings = LearnSettings { epochs: 6, ..settings() };
+    let learn = |method| {
+        let mut line = Line::default();
+        let first = line.learn(method, &settings, "fast", &fast);
+        let second = line.learn(method, &settings, "slow", &slow);
+        let forgetting = spacing_mse(&second, &test_fast) / spacing_mse(&first, &test_fast);
+        (forgetting, spacing_mse(&first, &test_slow), spacing_mse(&second, &test_slow))
+    };
+    let (naive, ..) = learn(Method::Naive);
+    let methods = [Method::Ewc, Method::Mas, Method::Si, Method::Replay, Method::ReplayEwc, Method::ReplayMas];
+    for method in methods {
+        let (forgetting, before, after) = learn(method);
+        assert!(1.0 < naive && forgetting < 0.6 * naive, "{method:?} forgets {forgetting} times, naive {naive}");
+        assert!(after < 0.85 * before, "{method:?} learns: spacing MSE {after} after {before}");
     }
 }
 

@@ -3,7 +3,7 @@
 use headway::car_following::{Event, TrafficRegime, TrafficSettings, generate};
 use headway::consolidation::{Estimator, ImportanceOptions, MasOutput, Method, Output, PenaltyStep, RegimeMemory};
 use headway::driver::{DriverShape, Scaling};
-use headway::training::{Interim, LearnSettings, Learned, Observer, Progress, StageInput, learn_stage};
+use headway::training::{Interim, LearnSettings, Learned, Observer, Progress, ReplayedRegime, StageInput, learn_stage};
 use rayon::ThreadPool;
 
 pub(super) fn settings() -> LearnSettings {
@@ -27,9 +27,14 @@ pub(super) fn settings() -> LearnSettings {
         accumulation: None,
         online_decay: 0.95,
         penalty_step: PenaltyStep::Proximal,
+        replay_share: 0.5,
+        si_damping: 0.001,
         seed: 42,
     }
 }
+
+/// Events of each regime that are kept to be replayed.
+const REPLAYED: usize = 10;
 
 pub(super) fn traffic(regime: TrafficRegime, events: usize) -> Vec<Event> {
     let lengths = TrafficSettings { min_steps: 40, max_steps: 60, ..TrafficSettings::default() };
@@ -82,6 +87,7 @@ pub(super) struct Line {
     pub(super) weights: Option<Vec<f32>>,
     pub(super) scaling: Option<Scaling>,
     pub(super) memory: Vec<RegimeMemory>,
+    pub(super) replay: Vec<ReplayedRegime>,
     pub(super) penalties: Vec<f64>,
 }
 
@@ -100,6 +106,9 @@ impl Line {
             self.memory.retain(|kept| kept.regime != memory.regime);
             self.memory.push(memory);
         }
+        let some = train.iter().take(REPLAYED).cloned().collect();
+        self.replay.retain(|of| of.regime != regime);
+        self.replay.push(ReplayedRegime { regime: regime.to_owned(), events: some });
         learned
     }
 
@@ -118,6 +127,7 @@ impl Line {
             parent_weights: self.weights.as_deref(),
             scaling: self.scaling,
             memory: &self.memory,
+            replay: &self.replay,
             train,
             validation: &[],
         }

@@ -7,13 +7,24 @@ use headway::training::{Interim, LearnError, LearnSettings, Learned, Observer, P
 
 use super::line::{Line, StopAfter, after, never, settings, traffic, workers};
 
+const ALL: [Method; 8] = [
+    Method::Naive,
+    Method::Joint,
+    Method::Ewc,
+    Method::Mas,
+    Method::Si,
+    Method::Replay,
+    Method::ReplayEwc,
+    Method::ReplayMas,
+];
+
 #[test]
-fn stage_one_of_naive_ewc_and_mas_is_bit_equal() {
+fn stage_one_is_bit_equal_whatever_the_method() {
     let train = traffic(TrafficRegime::Fast, 20);
-    let weights = [Method::Naive, Method::Ewc, Method::Mas]
-        .map(|method| Line::default().learn(method, &settings(), "fast", &train).weights);
-    assert_eq!(weights[0], weights[1]);
-    assert_eq!(weights[0], weights[2]);
+    let weights = ALL.map(|method| Line::default().learn(method, &settings(), "fast", &train).weights);
+    for other in &weights[1..] {
+        assert_eq!(weights[0], *other);
+    }
 }
 
 #[test]
@@ -34,19 +45,34 @@ fn neither_threads_nor_the_order_of_arrival_change_a_bit() {
 #[test]
 fn a_stage_resumed_anywhere_ends_with_the_same_bits() {
     let (fast, slow) = (traffic(TrafficRegime::Fast, 20), traffic(TrafficRegime::Slow, 20));
-    let mut line = Line::default();
-    line.learn(Method::Ewc, &settings(), "fast", &fast);
-    let settings = settings();
-    let input = line.input(Method::Ewc, &settings, "slow", &slow);
-    let undisturbed = learn_stage(&input, None, &workers(2), &mut never()).unwrap();
-    for updates in 1..6 {
-        let mut observer = after(updates);
-        assert_eq!(learn_stage(&input, None, &workers(2), &mut observer), Err(LearnError::Stopped));
-        let state = observer.state.expect("a stopped stage leaves a checkpoint");
-        let resumed = learn_stage(&input, Some(&state), &workers(1), &mut never()).unwrap();
-        assert_eq!(resumed.weights, undisturbed.weights, "stopped after update {updates}");
-        assert_eq!(resumed.memory, undisturbed.memory);
+    for method in [Method::Ewc, Method::Si, Method::ReplayEwc] {
+        let mut line = Line::default();
+        line.learn(method, &settings(), "fast", &fast);
+        let settings = settings();
+        let input = line.input(method, &settings, "slow", &slow);
+        let undisturbed = learn_stage(&input, None, &workers(2), &mut never()).unwrap();
+        for updates in 1..6 {
+            let mut observer = after(updates);
+            assert_eq!(learn_stage(&input, None, &workers(2), &mut observer), Err(LearnError::Stopped));
+            let state = observer.state.expect("a stopped stage leaves a checkpoint");
+            let resumed = learn_stage(&input, Some(&state), &workers(1), &mut never()).unwrap();
+            assert_eq!(resumed.weights, undisturbed.weights, "{method:?}, stopped after update {updates}");
+            assert_eq!(resumed.memory, undisturbed.memory, "{method:?}, stopped after update {updates}");
+        }
     }
+}
+
+#[test]
+fn replayed_events_share_the_updates_of_later_stages_and_an_epoch_is_once_through_the_new_ones() {
+    let (fast, slow) = (traffic(TrafficRegime::Fast, 20), traffic(TrafficRegime::Slow, 20));
+    let mut line = Line::default();
+    line.learn(Method::Replay, &settings(), "fast", &fast);
+    assert_eq!(line.penalties.len(), 2 * 3, "twenty new events in updates of eight, twice");
+    line.learn(Method::Replay, &settings(), "slow", &slow);
+    assert_eq!(line.penalties.len(), 2 * 5, "twenty new events in updates of four new and four replayed, twice");
+    let settings = LearnSettings { replay_share: 0.0, ..settings() };
+    let without = |method| learn_stage(&line.input(method, &settings, "slow", &slow), None, &workers(1), &mut never());
+    assert_eq!(without(Method::Replay).unwrap().weights, without(Method::Naive).unwrap().weights);
 }
 
 #[test]

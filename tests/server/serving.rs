@@ -67,6 +67,31 @@ async fn after_a_rollback_abandoned_events_are_set_aside_and_learning_is_as_if_t
 }
 
 #[tokio::test]
+async fn what_is_replayed_rolls_back_with_the_line() {
+    let server = Server::start().await;
+    for (model, method) in [("m", "replay_ewc"), ("twin", "replay_ewc"), ("plain", "ewc")] {
+        let wish = json!({"model": model, "method": method, "settings": {"replay_events": 5}});
+        assert_eq!(server.post("/v1/models", &wish).await.expect(201)["method"], method);
+    }
+    let (first, fourth) = (events("e", 12, 16.0), events("g", 12, 11.0));
+    server.learn("m", "fast", &first).await;
+    server.learn("m", "slow", &events("f", 12, 6.0)).await;
+    server.learn("m", "wet", &events("h", 12, 9.0)).await;
+    server.post("/v1/models/m/rollback", &json!({"version": 1, "reason": "undo"})).await.expect(200);
+    server.learn("m", "middle", &fourth).await;
+    for model in ["twin", "plain"] {
+        server.learn(model, "fast", &first).await;
+        server.learn(model, "middle", &fourth).await;
+    }
+    let rolled = server.get("/v1/models/m/versions/4").await.expect(200);
+    let direct = server.get("/v1/models/twin/versions/2").await.expect(200);
+    assert_eq!((&rolled["weights_sha256"], &rolled["events"]), (&direct["weights_sha256"], &json!(9)));
+    let plain = server.get("/v1/models/plain/versions/2").await.expect(200);
+    assert_ne!(rolled["weights_sha256"], plain["weights_sha256"], "something was replayed");
+    server.stop().await;
+}
+
+#[tokio::test]
 async fn a_rollback_cancels_what_waits() {
     let server = two_versions().await;
     server.post("/v1/models/default/pause", &json!({})).await.expect(200);

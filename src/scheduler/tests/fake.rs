@@ -87,12 +87,15 @@ impl Learner for Fake {
             weight = f32::from_le_bytes(state[1..5].try_into().unwrap());
         }
         let kept: Vec<_> = input.memory.iter().map(|memory| memory.regime.as_str()).collect();
+        let replayed: Vec<_> =
+            input.replay.iter().map(|of| format!(", {} of {}", of.events.len(), of.regime)).collect();
         self.note(format!(
-            "{} stage {} from update {update}, {} events, keeps [{}]",
+            "{} stage {} from update {update}, {} events, keeps [{}]{}",
             input.regime,
             input.stage,
             input.train.len(),
-            kept.join(" ")
+            kept.join(" "),
+            replayed.concat()
         ));
         while update < UPDATES {
             update += 1;

@@ -119,3 +119,26 @@ async fn joint_learns_the_events_of_its_whole_line_afresh() {
         ]
     );
 }
+
+#[tokio::test]
+async fn replay_brings_a_bounded_number_of_the_lines_events_of_each_regime() {
+    let engine = Engine::new(Script::default()).await;
+    let settings = ModelSettings { replay_events: 5, ..model_settings() };
+    let model_id = engine.fixture.model("m", Method::Replay, &settings).await;
+    for (first, regime) in [(0, "a"), (10, "b"), (20, "c"), (30, "a")] {
+        engine.learn(model_id, regime, first).await;
+    }
+    engine.rollback(model_id, 1).await;
+    engine.learn(model_id, "d", 40).await;
+    let learned: Vec<_> = engine.fake.log().into_iter().filter(|line| line.contains("stage")).collect();
+    assert_eq!(
+        learned,
+        [
+            "a stage 1 from update 0, 7 events, keeps []",
+            "b stage 2 from update 0, 7 events, keeps [], 5 of a",
+            "c stage 3 from update 0, 7 events, keeps [], 5 of a, 5 of b",
+            "a stage 4 from update 0, 7 events, keeps [], 5 of a, 5 of b, 5 of c",
+            "d stage 2 from update 0, 7 events, keeps [], 5 of a",
+        ]
+    );
+}
