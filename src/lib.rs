@@ -21,6 +21,8 @@ pub mod evaluation;
 pub mod training;
 /// The words of the service: model, settings, batch, task, version, promotion policy. Pure.
 pub mod lineage;
+/// The paper's experiment: tasks, sides, measures, intervals. Pure.
+pub mod protocol;
 /// JSON, NDJSON, CSV, Parquet bodies into raw events.
 pub mod formats;
 /// The only home of SQL: one file per resource.

@@ -2,10 +2,13 @@
 
 use std::ops::AddAssign;
 
+use serde::{Deserialize, Serialize};
+
 use crate::car_following::Event;
+use crate::safety::Trajectory;
 
 /// Sums over simulated steps; divide only when reporting.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct Errors {
     /// Σ (s − s*)², m².
     pub spacing_sq: f64,
@@ -30,6 +33,14 @@ impl AddAssign for Errors {
 }
 
 impl Errors {
+    /// Of one event driven closed loop from step `from` on.
+    #[must_use]
+    pub fn of(event: &Event, from: usize, driven: &Trajectory) -> Self {
+        let mut errors = Self::default();
+        errors.add(event, from, |t| (driven.spacing_m[t], driven.follower_speed_mps[t]));
+        errors
+    }
+
     /// Adds one event driven closed loop: `driven(t)` is the simulated spacing (m) and follower speed (m/s) at step `t`, asked
     /// for every step from `from` on.
     pub fn add(&mut self, event: &Event, from: usize, driven: impl Fn(usize) -> (f32, f32)) {

@@ -169,7 +169,7 @@ mod tests {
         let mut sums = Errors::default();
         for (event, driven) in events.iter().zip(&drives) {
             assert_eq!((driven.spacing_m.len(), driven.spacing_m[0]), (event.steps(), event.spacing_m()[0]));
-            sums.add(event, SHAPE.horizon, |t| (driven.spacing_m[t], driven.follower_speed_mps[t]));
+            sums += Errors::of(event, SHAPE.horizon, driven);
         }
         let whole = evaluate(SHAPE, &scaling(), &weights, &events, &workers);
         assert_eq!((whole.steps, whole.events), (sums.steps, sums.events));

@@ -1,6 +1,7 @@
 //! Recorded events into three tasks: thirds by mean follower speed.
 
 use crate::car_following::TrafficRegime;
+use crate::protocol::quantile;
 
 /// Where the thirds part, m/s.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -35,14 +36,6 @@ impl Thirds {
     pub(super) fn split_mps(self) -> [f64; 2] {
         [self.low, self.high]
     }
-}
-
-/// x[i] + f (x[i + 1] − x[i]) with i + f = q (n − 1), i whole and f in [0, 1): the definition of R's type 7 and of `NumPy`.
-fn quantile(sorted: &[f64], q: f64) -> f64 {
-    let at = q * (sorted.len() - 1) as f64;
-    let below = at as usize;
-    let above = (below + 1).min(sorted.len() - 1);
-    sorted[below] + at.fract() * (sorted[above] - sorted[below])
 }
 
 #[cfg(test)]

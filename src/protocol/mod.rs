@@ -1,0 +1,18 @@
+//! The paper's experiment as arithmetic: which events make which task, which side each is on, what a table of errors says,
+//! and how sure it is.
+
+mod bootstrap;
+mod by_run;
+mod measures;
+mod quantile;
+mod sides;
+mod tally;
+mod tasks;
+
+pub use bootstrap::{Bootstrap, Draw};
+pub use by_run::by_run;
+pub use measures::{Measures, pooled};
+pub use quantile::quantile;
+pub use sides::{at_random, missing_side};
+pub use tally::{Measure, Tally};
+pub use tasks::{Tasks, TasksError};
