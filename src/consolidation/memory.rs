@@ -1,7 +1,9 @@
 //! What is kept of each regime, and how a regime that comes again is merged.
 
+use serde::{Deserialize, Serialize};
+
 /// What is kept of one regime: its diagonal importance and the weights it is anchored at, one value per weight each.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct RegimeMemory {
     /// The regime's name.
     pub regime: String,

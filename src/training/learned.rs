@@ -1,10 +1,12 @@
 //! What a stage comes to.
 
+use serde::{Deserialize, Serialize};
+
 use crate::consolidation::RegimeMemory;
 use crate::driver::Scaling;
 
 /// The outcome.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Learned {
     /// One flat vector.
     pub weights: Vec<f32>,

@@ -2,6 +2,7 @@
 
 use serde::Serialize;
 
+use crate::driver::Scaling;
 use crate::evaluation::Errors;
 
 /// How far a stage is.
@@ -34,6 +35,9 @@ pub struct Interim {
 pub trait Observer {
     /// After every update. `false` stops the stage with [`LearnError::Stopped`](super::LearnError::Stopped).
     fn updated(&mut self, progress: &Progress) -> bool;
+    /// After every update, before [`Self::updated`]: the weights as they are now. For whoever measures a stage on its way;
+    /// such weights are never served.
+    fn weights(&mut self, _progress: &Progress, _scaling: &Scaling, _weights: &[f32]) {}
     /// After every epoch, when there are validation events; and when a stage is resumed, what it told last.
     fn evaluated(&mut self, interim: &Interim);
     /// Asked on the way through the validation events; `true` stops the stage as [`Self::updated`] does.

@@ -148,6 +148,7 @@ impl<'a> Stage<'a> {
                 penalty,
                 events_per_s: self.events_since as f64 / self.resumed_at.elapsed().as_secs_f64().max(1e-9),
             };
+            observer.weights(&progress, &self.scaling, &self.state.weights);
             let go_on = observer.updated(&progress);
             if !go_on || observer.wants_checkpoint() {
                 observer.checkpoint(&progress, self.state.to_bytes());

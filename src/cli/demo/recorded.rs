@@ -1,8 +1,5 @@
 //! Recorded events: files as an upload takes them, parted into three tasks.
 
-use std::ffi::OsStr;
-use std::fs::File;
-use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
@@ -10,7 +7,8 @@ use anyhow::{Context, bail};
 use super::thirds::Thirds;
 use super::traffic::{EventLine, MIN_EVENTS, RegimeTraffic, Traffic};
 use crate::car_following::{Recording, TrafficRegime};
-use crate::formats::{BodyKind, Encoding, Format, FormatError, FormatLimits, Preset, RawEvent, decode};
+use crate::cli::recordings;
+use crate::formats::RawEvent;
 use crate::lineage::Split;
 
 /// An event of a file, with what it is sorted by.
@@ -83,56 +81,17 @@ fn mean_step(recording: &Recording) -> Option<f64> {
 }
 
 /// What a file holds.
-#[derive(Default)]
 struct Contents {
     events: Vec<Recorded>,
     unreadable: usize,
 }
 
 fn read(path: &Path) -> anyhow::Result<Contents> {
-    let format = match path.extension().and_then(OsStr::to_str) {
-        Some("parquet") => Format::Parquet,
-        Some("csv") => Format::Csv,
-        Some("json") => Format::Json,
-        Some("ndjson") => Format::Ndjson,
-        _ => bail!("its name ends in none of .parquet, .csv, .json and .ndjson"),
-    };
-    let source = path.file_stem().map_or_else(String::new, |stem| stem.to_string_lossy().into_owned());
-    match read_as(path, format, Preset::Headway, &source) {
-        Err(Unread::Body(FormatError::Invalid { code: "unknown_column" | "missing_column", detail, .. })) => {
-            // Neither preset knows the columns: what the first one says tells what they should be.
-            read_as(path, format, Preset::Follownet, &source).map_err(|other| match other {
-                Unread::Body(FormatError::Invalid {
-                    code: "unknown_column" | "missing_column", detail: other, ..
-                }) => {
-                    anyhow::anyhow!("{detail}; {other}")
-                }
-                other => other.into(),
-            })
-        }
-        read => Ok(read?),
-    }
-}
-
-#[derive(Debug, thiserror::Error)]
-enum Unread {
-    #[error(transparent)]
-    File(#[from] std::io::Error),
-    #[error(transparent)]
-    Body(#[from] FormatError),
-}
-
-fn read_as(path: &Path, format: Format, preset: Preset, file_source: &str) -> Result<Contents, Unread> {
-    let kind = BodyKind { format, encoding: Encoding::Identity, preset };
-    let mut contents = Contents::default();
-    decode(File::open(path)?, kind, &FormatLimits::default(), &mut |decoded| {
-        match decoded.ok().and_then(|raw| recorded(raw, file_source)) {
-            Some(event) => contents.events.push(event),
-            None => contents.unreadable += 1,
-        }
-        ControlFlow::Continue(())
-    })?;
-    Ok(contents)
+    let source = recordings::source_name(path);
+    let read = recordings::read(path)?;
+    let all = read.len();
+    let events: Vec<_> = read.into_iter().flatten().filter_map(|raw| recorded(raw, &source)).collect();
+    Ok(Contents { unreadable: all - events.len(), events })
 }
 
 /// With its mean speed; none when it has no finite one.
