@@ -2,6 +2,10 @@
 
 /// The whole main job, shown.
 mod demo;
+/// Event files.
+mod recordings;
+/// The paper's experiment, from event files to its tables and figures.
+mod reproduce;
 /// The server.
 mod serve;
 
@@ -23,6 +27,8 @@ enum Command {
     Serve(serve::ServeArguments),
     /// Show the whole job: upload, learn in turn, compare, predict, roll back.
     Demo(demo::DemoArguments),
+    /// Repeat the paper's experiment on event files: methods learned task by task, tables, intervals, figures.
+    Reproduce(reproduce::ReproduceArguments),
 }
 
 /// Reads the command line and does what it says.
@@ -34,5 +40,6 @@ pub fn run() -> anyhow::Result<()> {
     match arguments.command.unwrap_or(Command::Serve(arguments.serve)) {
         Command::Serve(arguments) => serve::run(&arguments),
         Command::Demo(arguments) => demo::run(&arguments),
+        Command::Reproduce(arguments) => reproduce::run(&arguments),
     }
 }

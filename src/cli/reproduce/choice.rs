@@ -1,0 +1,20 @@
+//! How strongly each method consolidates.
+
+use serde_json::Value;
+
+use super::arguments::Strength;
+use super::work::Work;
+use crate::consolidation::Method;
+
+/// The strength of one method, and how it came about.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Choice {
+    pub(super) strength: Strength,
+    /// Everything that a search saw; null without one.
+    pub(super) search: Value,
+}
+
+/// The one place where a strength is chosen: as told, else the method's default.
+pub(super) fn choose(work: &Work<'_>, method: Method) -> Choice {
+    Choice { strength: work.options.strength(method), search: Value::Null }
+}

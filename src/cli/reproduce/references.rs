@@ -1,0 +1,49 @@
+//! Reference drivers, calibrated for each task on its training events and driven on its test events.
+
+use serde::{Deserialize, Serialize};
+
+use super::results::{Reference, Runs};
+use super::work::Work;
+use crate::car_following::Event;
+use crate::evaluation::{CalibrationSettings, Errors, calibrate};
+use crate::protocol::Tally;
+use crate::reference::ReferenceKind;
+
+/// A reference driver, as it is kept.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+struct Calibrated {
+    /// Of each task, in the order of the driver's parameters.
+    values: Vec<Vec<f64>>,
+    /// Tasks × test events.
+    errors: Vec<Vec<Errors>>,
+}
+
+/// Every reference driver.
+pub(super) fn references(work: &Work<'_>, runs: &Runs) -> anyhow::Result<Vec<Reference>> {
+    ReferenceKind::ALL.into_iter().map(|kind| reference(work, runs, kind)).collect()
+}
+
+fn reference(work: &Work<'_>, runs: &Runs, kind: ReferenceKind) -> anyhow::Result<Reference> {
+    let settings = CalibrationSettings::default();
+    let horizon = work.options.settings.horizon as usize;
+    let told = format!("reference {} {horizon} {settings:?}", kind.as_str());
+    let calibrated = work.kept(&told, "reference", || {
+        work.progress.say(&format!("calibrating {} for each task", kind.as_str()));
+        let drivers = work.plan.tasks.iter().map(|task| {
+            let train: Vec<&Event> = task.train.iter().collect();
+            (calibrate(kind, horizon, &train, &settings, &work.workers).driver, task)
+        });
+        let each = drivers.map(|(driver, task)| {
+            let one = |event: &Event| Errors::of(event, horizon, &driver.drive(event, horizon).into());
+            (driver.values(), task.test.iter().map(one).collect())
+        });
+        let (values, errors) = each.unzip();
+        Ok(Calibrated { values, errors })
+    })?;
+    let named = |values: &Vec<f64>| kind.with(values).named_values().collect();
+    Ok(Reference {
+        name: kind.as_str().to_owned(),
+        tally: Tally::new(&[vec![&calibrated.errors[..]]], &runs.of),
+        parameters: calibrated.values.iter().map(named).collect(),
+    })
+}

@@ -1,0 +1,116 @@
+//! What the report says.
+
+use std::fs;
+
+use serde_json::{Value, json};
+
+use crate::runs::{SMALL, csv, folder, report, reproduce, told};
+
+fn numbers(matrix: &Value) -> Vec<Vec<f64>> {
+    let row = |row: &Value| row.as_array().unwrap().iter().map(|x| x.as_f64().unwrap()).collect();
+    matrix.as_array().unwrap().iter().map(row).collect()
+}
+
+#[test]
+fn every_method_has_full_tables_and_stage_one_is_one() {
+    let folder = folder(20);
+    let methods = "joint,naive,ewc,mas,si,replay,replay_ewc,replay_mas";
+    let output = reproduce(folder.path(), &["--events", "events.csv", "--json", "--methods", methods])
+        .args(SMALL)
+        .output()
+        .unwrap();
+    let report = report(folder.path(), &output);
+    assert_eq!(serde_json::from_slice::<Value>(&output.stdout).unwrap(), report, "--json prints the report");
+    assert_eq!((&report["events"], &report["seeds"]), (&json!(60), &json!([1, 2])));
+    assert_eq!(report["tasks"], json!(["fast", "middle", "slow"]));
+    let [low, high] = [0, 1].map(|edge| report["split_mps"][edge].as_f64().unwrap());
+    assert!(low < high, "{low} {high}");
+    for (name, method) in report["methods"].as_object().unwrap() {
+        let stages = if name == "joint" { 1 } else { 3 };
+        for table in ["spacing_mse", "speed_mse", "collision_rate_percent"] {
+            let mean = numbers(&method[table]);
+            assert_eq!((mean.len(), mean[0].len()), (stages, 3), "{name} {table}");
+            let seeds = [0, 1].map(|seed| numbers(&method["per_seed"][seed][table]));
+            for (stage, row) in mean.iter().enumerate() {
+                for (task, cell) in row.iter().enumerate() {
+                    let half = f64::midpoint(seeds[0][stage][task], seeds[1][stage][task]);
+                    assert!((cell - half).abs() <= 1e-9 * half.abs(), "{name} {table}: the mean over seeds");
+                }
+            }
+        }
+        let served = numbers(&method["served"]["acted_percent"]);
+        assert_eq!((served.len(), numbers(&method["served"]["spacing_mse"]).len()), (stages, stages), "{name}");
+        assert!(served.iter().flatten().all(|percent| (0.0..=100.0).contains(percent)));
+        let consolidates = !["joint", "naive", "replay"].contains(&name.as_str());
+        assert_eq!(method["strength"].is_number(), consolidates, "{name}");
+        let lambda: Vec<_> = method["lambda"].as_array().into_iter().flatten().map(Value::is_number).collect();
+        assert_eq!(lambda, if consolidates { vec![false, true, true] } else { Vec::new() }, "{name}");
+        assert!(method["train_events_per_s"].as_f64().unwrap() > 0.0);
+    }
+    let first = |method: &str| report["methods"][method]["per_seed"][0]["weights_sha256"][0].clone();
+    for method in ["ewc", "mas", "si", "replay", "replay_ewc", "replay_mas"] {
+        assert_eq!(first("naive"), first(method), "{method}");
+    }
+    let compared: Vec<_> =
+        report["comparisons"].as_array().unwrap().iter().map(|c| (&c["model"], &c["baseline"])).collect();
+    assert!(compared.contains(&(&json!("ewc"), &json!("naive"))), "{compared:?}");
+    for (name, reference) in report["references"].as_object().unwrap() {
+        for table in ["spacing_mse", "speed_mse", "collision_rate_percent"] {
+            assert_eq!(reference[table].as_array().unwrap().len(), 3, "{name} {table}");
+        }
+    }
+    assert!(report["references"]["idm"].is_object() && report["references"]["gipps"].is_object());
+    let ratio = &report["methods"]["naive"]["measures"];
+    assert_eq!(ratio["plasticity_loss"], json!([1.0, 1.0, 1.0]));
+}
+
+#[test]
+fn tasks_are_by_speed_by_source_or_as_a_file_says_in_any_order() {
+    let folder = folder(12);
+    let one = ["--events", "events.csv", "--methods", "naive", "--seeds", "1"];
+    let small = &SMALL[..6];
+    let tasks = |arguments: &[&str]| {
+        let output = reproduce(folder.path(), &one).args(small).args(arguments).output().unwrap();
+        let report = report(folder.path(), &output);
+        (report["tasks"].clone(), report["events"].clone(), report["split_mps"].clone())
+    };
+    let (names, _, edges) = tasks(&["--tasks", "2"]);
+    assert_eq!((names, edges.as_array().unwrap().len()), (json!(["speed-1", "speed-2"]), 1));
+    let (names, _, edges) = tasks(&["--tasks", "source", "--split", "run", "--order", "slow,fast,middle"]);
+    assert_eq!((names, edges), (json!(["slow", "fast", "middle"]), Value::Null));
+    let mut splits = "task,event_id,split\n".to_owned();
+    for line in csv(12, |_, _| 0.0).lines().skip(1).step_by(44) {
+        let cells: Vec<_> = line.split(',').collect();
+        let (task, run) = (["fast", "middle", "slow"].iter().position(|s| *s == cells[1]).unwrap() + 1, &cells[2]);
+        let split = ["test", "train", "train", "validation", "train", "train"][run.parse::<usize>().unwrap()];
+        let row = format!("{task},{},{split}\n", cells[0]);
+        if task != 2 && !splits.contains(&row) {
+            splits += &row;
+        }
+    }
+    fs::write(folder.path().join("splits.csv"), splits).unwrap();
+    let (names, events, edges) = tasks(&["--splits", "splits.csv", "--order", "3,1"]);
+    assert_eq!((names, events), (json!(["3", "1"]), json!(24)), "what is not listed is ignored");
+    assert_eq!(edges.as_array().unwrap().len(), 2);
+}
+
+#[test]
+fn what_is_left_out_is_said_with_the_reason() {
+    let folder = tempfile::tempdir().unwrap();
+    let text = csv(12, |id, step| {
+        let bad_early = id.ends_with("-0000") && step == 3;
+        let bad_late = id.ends_with("-0001") && step == 43;
+        if bad_early || bad_late { -1000.0 } else { 0.0 }
+    });
+    let bad = text.lines().filter(|line| line.contains(",-9")).count();
+    fs::write(folder.path().join("events.csv"), text).unwrap();
+    let arguments = ["--events", "events.csv", "--methods", "naive", "--seeds", "1"];
+    let output = reproduce(folder.path(), &arguments).args(&SMALL[..6]).output().unwrap();
+    let report = report(folder.path(), &output);
+    assert_eq!(bad, 6, "an early and a late one of each regime");
+    assert_eq!(report["events"], json!(33), "what comes after the cut need not be right");
+    let left_out = &report["protocol"]["left_out"][0];
+    assert_eq!((&left_out["events"], &left_out["file"]), (&json!(3), &json!("events.csv")));
+    assert!(left_out["reason"].as_str().unwrap().contains("spacing_not_positive"), "{left_out}");
+    assert!(told(&output).contains("left out 3 of events.csv: refused by the physics checks"), "{}", told(&output));
+}
