@@ -32,7 +32,7 @@ pub struct CalibrationSettings {
 
 impl Default for CalibrationSettings {
     fn default() -> Self {
-        Self { evaluations: 600, max_events: 1000, max_steps: 300_000, collision_penalty: 1000.0, seed: 42 }
+        Self { evaluations: 2400, max_events: 1000, max_steps: 300_000, collision_penalty: 1000.0, seed: 42 }
     }
 }
 
@@ -48,9 +48,12 @@ pub struct Calibration {
 }
 
 /// Of the evaluations, this share goes to places spread over the bounds, to find where to start.
-const SPREAD_SHARE: f64 = 0.2;
-/// Descents: each begins at the best place so far, with a new and smaller simplex.
-const DESCENTS: [f64; 3] = [0.25, 0.1, 0.05];
+const SPREAD_SHARE: f64 = 0.15;
+/// Descents from the best of these places, with simplices of this size: the objective has several valleys.
+const DESCENTS: usize = 5;
+const WIDE: f64 = 0.25;
+/// The last descent, from the best place of all, begins with a smaller one.
+const NARROW: f64 = 0.1;
 /// A descent ends when its simplex is as flat as this share of the objective.
 const FLAT: f64 = 1e-5;
 
@@ -58,7 +61,7 @@ const FLAT: f64 = 1e-5;
 /// `horizon` on: they minimise `mean (s − s*)² + collision_penalty · mean relu(−s)`, the means pooled over simulated steps.
 ///
 /// Places spread over the bounds are tried first, the published parameters before any other, then Nelder and Mead's simplex
-/// descends from the best of them, several times. Outside the bounds the objective is mirrored, so that every place has
+/// descends from the best few of them, and once more from the best place of all. Outside the bounds the objective is mirrored, so that every place has
 /// parameters within them. The result is never worse than the published parameters, does not depend on the order of
 /// `events`, and has the same bits for any number of threads. Events no longer than the horizon are left out.
 #[must_use]
@@ -73,7 +76,10 @@ pub fn calibrate(
     let search = Search { kind, horizon, events: &chosen, settings, workers, found: RefCell::default() };
     search.run();
     let Found { best, evaluations, .. } = search.found.into_inner();
-    let driver = best.map_or_else(|| kind.published(), |best| best.driver);
+    let driver = match (best, chosen.first()) {
+        (Some(best), Some(event)) => best.driver.in_steps_of(event.dt_s()),
+        _ => kind.published(),
+    };
     Calibration { driver, on: drive_reference(&driver, horizon, &chosen, workers).errors, evaluations }
 }
 
@@ -90,9 +96,9 @@ fn chosen<'a>(events: &[&'a Event], horizon: usize, settings: &CalibrationSettin
     sorted.into_iter().map(|(_, event)| event).take(settings.max_events).take_while(within).collect()
 }
 
-/// The place with the least objective so far.
+/// A set of parameters that was tried.
 #[derive(Debug, Clone)]
-struct Best {
+struct Tried {
     place: Vec<f64>,
     objective: f64,
     driver: ReferenceDriver,
@@ -100,11 +106,13 @@ struct Best {
 
 #[derive(Debug, Default)]
 struct Found {
-    best: Option<Best>,
+    /// The place with the least objective so far.
+    best: Option<Tried>,
     evaluations: u32,
 }
 
-/// A search over places: a parameter from its low to its high bound is a coordinate from 0 to 1.
+/// A search over places: the logarithm of a parameter from its low to its high bound is a coordinate from 0 to 1. Parameters
+/// are scales, and what is plausible of them spans more than a power of ten.
 struct Search<'a> {
     kind: ReferenceKind,
     horizon: usize,
@@ -119,30 +127,38 @@ impl Search<'_> {
         if self.events.is_empty() || self.kind.parameters().is_empty() {
             return;
         }
-        self.try_out(&self.place_of(&self.kind.published()));
+        let mut starts = vec![self.try_out(&self.place_of(&self.kind.published()))];
         let mut random = ChaCha8Rng::seed_from_u64(self.settings.seed);
         for _ in 1..(f64::from(self.settings.evaluations) * SPREAD_SHARE) as u32 {
             let place: Vec<f64> = self.kind.parameters().iter().map(|_| unit(&mut random)).collect();
-            self.try_out(&place);
+            starts.push(self.try_out(&place));
         }
-        for (descent, &size) in DESCENTS.iter().enumerate() {
-            let left = self.settings.evaluations.saturating_sub(self.found.borrow().evaluations);
-            self.descend(size, left / (DESCENTS.len() - descent) as u32);
+        starts.sort_by(|a, b| a.objective.total_cmp(&b.objective));
+        starts.truncate(DESCENTS);
+        for (descents_before, start) in starts.iter().enumerate() {
+            self.descend(start, WIDE, self.left() / (DESCENTS + 1 - descents_before) as u32);
+        }
+        let best = self.found.borrow().best.clone();
+        if let Some(best) = best {
+            self.descend(&best, NARROW, self.left());
         }
     }
 
-    /// Descends from the best place with a simplex of this size and so many evaluations.
-    fn descend(&self, size: f64, evaluations: u32) {
-        let Some(best) = self.found.borrow().best.clone() else { return };
-        let mut simplex = vec![best.place.clone()];
-        for axis in 0..best.place.len() {
-            let mut corner = best.place.clone();
+    fn left(&self) -> u32 {
+        self.settings.evaluations.saturating_sub(self.found.borrow().evaluations)
+    }
+
+    /// Descends from a place with a simplex of this size and at most so many evaluations.
+    fn descend(&self, start: &Tried, size: f64, evaluations: u32) {
+        let mut simplex = vec![start.place.clone()];
+        for axis in 0..start.place.len() {
+            let mut corner = start.place.clone();
             corner[axis] += if corner[axis] < 0.5 { size } else { -size };
             simplex.push(corner);
         }
         let until = self.found.borrow().evaluations + evaluations;
         let solver = NelderMead::new(simplex)
-            .with_sd_tolerance(FLAT * best.objective.abs().max(f64::MIN_POSITIVE))
+            .with_sd_tolerance(FLAT * start.objective.abs().max(f64::MIN_POSITIVE))
             .expect("a tolerance is not below 0");
         Executor::new(Descent { search: self, until }, solver)
             .configure(|state| state.max_iters(evaluations.into()))
@@ -150,18 +166,19 @@ impl Search<'_> {
             .expect("neither the objective nor the simplex fails");
     }
 
-    /// The objective at a place, which is remembered when it is the best.
-    fn try_out(&self, place: &[f64]) -> f64 {
+    /// Drives with the parameters of a place, which is remembered when it is the best.
+    fn try_out(&self, place: &[f64]) -> Tried {
         let driver = self.driver_at(place);
         let driven = drive_reference(&driver, self.horizon, self.events, self.workers);
         let steps = driven.errors.steps as f64;
         let objective = driven.errors.spacing_sq / steps + self.settings.collision_penalty * driven.intrusion_m / steps;
+        let tried = Tried { place: place.to_vec(), objective, driver };
         let mut found = self.found.borrow_mut();
         found.evaluations += 1;
         if found.best.as_ref().is_none_or(|best| objective < best.objective) {
-            found.best = Some(Best { place: place.to_vec(), objective, driver });
+            found.best = Some(tried.clone());
         }
-        objective
+        tried
     }
 
     fn driver_at(&self, place: &[f64]) -> ReferenceDriver {
@@ -170,14 +187,17 @@ impl Search<'_> {
             .parameters()
             .iter()
             .zip(place)
-            .map(|(parameter, &x)| parameter.low + mirrored(x) * (parameter.high - parameter.low))
+            .map(|(parameter, &x)| {
+                let value = parameter.low * (parameter.high / parameter.low).powf(mirrored(x));
+                value.clamp(parameter.low, parameter.high)
+            })
             .collect();
         self.kind.with(&values)
     }
 
     fn place_of(&self, driver: &ReferenceDriver) -> Vec<f64> {
         let places = self.kind.parameters().iter().zip(driver.values());
-        places.map(|(parameter, value)| (value - parameter.low) / (parameter.high - parameter.low)).collect()
+        places.map(|(parameter, value)| (value / parameter.low).ln() / (parameter.high / parameter.low).ln()).collect()
     }
 }
 
@@ -194,7 +214,7 @@ impl CostFunction for Descent<'_> {
 
     fn cost(&self, place: &Vec<f64>) -> Result<f64, Error> {
         let over = self.search.found.borrow().evaluations >= self.until;
-        Ok(if over { f64::INFINITY } else { self.search.try_out(place) })
+        Ok(if over { f64::INFINITY } else { self.search.try_out(place).objective })
     }
 }
 

@@ -115,6 +115,7 @@ fn what_is_found_lies_within_its_bounds() {
         for (parameter, value) in kind.parameters().iter().zip(found.driver.values()) {
             assert!((parameter.low..=parameter.high).contains(&value), "{parameter:?}: {value}");
         }
+        assert_eq!(found.driver, found.driver.in_steps_of(0.1), "what is told is what was driven");
     }
 }
 

@@ -154,6 +154,15 @@ impl ReferenceDriver {
         }
     }
 
+    /// The same driver, with the reaction time that it has when it is driven in steps of `dt_s`.
+    #[must_use]
+    pub fn in_steps_of(self, dt_s: f64) -> Self {
+        match self {
+            Self::Gipps(gipps) => Self::Gipps(Gipps { reaction_s: gipps.reaction_steps(dt_s) as f64 * dt_s, ..gipps }),
+            other => other,
+        }
+    }
+
     /// Its parameters by name.
     pub fn named_values(&self) -> impl Iterator<Item = (&'static str, f64)> {
         self.kind().parameters().iter().map(|parameter| parameter.name).zip(self.values())
