@@ -13,8 +13,8 @@ use tokio::task::JoinHandle;
 use tokio::time::{Instant, timeout_at};
 
 use crate::config::Config;
-use crate::http::{AppState, InFlight, RequestIds, router, tally};
-use crate::predictor::Predictor;
+use crate::http::{AppState, Evaluator, InFlight, RequestIds, router, tally};
+use crate::predictor::{Predictor, TrialSettings};
 use crate::scheduler::{Scheduler, Training};
 use crate::store::Store;
 use crate::telemetry::Metrics;
@@ -79,6 +79,8 @@ async fn assemble(config: Config, stopping: watch::Receiver<bool>) -> anyhow::Re
         predictor,
         upload_slots: slots(config.server.concurrent_uploads),
         prediction_slots: slots(config.server.concurrent_predictions),
+        evaluation_slots: slots(config.server.concurrent_evaluations),
+        evaluator: evaluator(config.evaluate)?,
         stream_slots: slots(config.server.concurrent_streams),
         ingest: config.ingest,
         settings: config.server,
@@ -88,6 +90,12 @@ async fn assemble(config: Config, stopping: watch::Receiver<bool>) -> anyhow::Re
         in_flight: InFlight::default(),
         request_ids: RequestIds::default(),
     }))
+}
+
+fn evaluator(settings: TrialSettings) -> anyhow::Result<Arc<Evaluator>> {
+    let workers =
+        rayon::ThreadPoolBuilder::new().num_threads(settings.threads).thread_name(|n| format!("evaluate-{n}"));
+    Ok(Arc::new(Evaluator { workers: workers.build()?, settings }))
 }
 
 /// What runs beside each other.

@@ -9,7 +9,7 @@ use toml::{Table, Value};
 use crate::http::ServerSettings;
 use crate::ingest::IngestSettings;
 use crate::lineage::{ModelSettings, SettingsError};
-use crate::predictor::PredictorSettings;
+use crate::predictor::{PredictorSettings, TrialSettings};
 use crate::scheduler::SchedulerSettings;
 use crate::store::StoreSettings;
 use crate::telemetry::LogSettings;
@@ -32,6 +32,8 @@ pub struct Config {
     pub training: SchedulerSettings,
     /// What is kept loaded.
     pub predict: PredictorSettings,
+    /// How much is computed for an evaluation on events that are not kept.
+    pub evaluate: TrialSettings,
     /// Defaults of new models.
     pub model: ModelSettings,
     /// The log.
@@ -191,6 +193,7 @@ impl Config {
             ingest: section(table, "ingest").map_err(wrong)?,
             training: section(table, "training").map_err(wrong)?,
             predict: section(table, "predict").map_err(wrong)?,
+            evaluate: section(table, "evaluate").map_err(wrong)?,
             model,
             log: section(table, "log").map_err(wrong)?,
         };
@@ -199,6 +202,7 @@ impl Config {
         within("database", &config.database.numbers()).map_err(wrong)?;
         within("training", &config.training.numbers()).map_err(wrong)?;
         within("predict", &config.predict.numbers()).map_err(wrong)?;
+        within("evaluate", &config.evaluate.numbers()).map_err(wrong)?;
         config.ingest.clone().checked().map_err(|e| wrong(format!("ingest.{e}")))?;
         Ok(config)
     }

@@ -68,6 +68,12 @@ impl Driver {
         &self.scaling
     }
 
+    /// Its weights.
+    #[must_use]
+    pub fn weights(&self) -> &[f32] {
+        self.encoder.weights()
+    }
+
     /// The network's acceleration for each window, m/s². Bit-equal for a window whatever the others are.
     ///
     /// # Panics

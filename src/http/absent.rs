@@ -3,11 +3,6 @@
 use super::path::{ModelAt, VersionAt};
 use super::problem::{Code, Problem};
 
-/// `POST /v1/models/{model}/evaluate`
-pub(super) async fn evaluate(_: ModelAt) -> Problem {
-    Code::NotAvailable.because("evaluating on events that are not kept comes with a later release")
-}
-
 /// `GET /v1/models/{model}/versions/{version}/artifact`
 pub(super) async fn artifact(_: ModelAt, _: VersionAt) -> Problem {
     Code::NotAvailable.because("downloading a version as safetensors or ONNX comes with a later release")

@@ -2,10 +2,9 @@
 
 use std::sync::Arc;
 
-use axum::body::Body;
 use axum::extract::{Request, State};
 use axum::http::StatusCode;
-use axum::http::header::{CONTENT_ENCODING, CONTENT_TYPE, HeaderMap, HeaderName, LOCATION};
+use axum::http::header::{CONTENT_ENCODING, CONTENT_TYPE, HeaderName, LOCATION};
 use jiff::Timestamp;
 use serde::Deserialize;
 use serde_json::{Map, Value, json};
@@ -13,17 +12,13 @@ use sha2::{Digest, Sha256};
 
 use super::AppState;
 use super::answer::Answer;
-use super::body::{refuse_declared_excess, timed, too_large};
 use super::context::RequestContext;
+use super::events_body::{ingest_problem, kind, option_problem, take_body};
 use super::idempotency::Repeatable;
 use super::path::{BatchAt, ModelAt, batch_id, task_id};
-use super::problem::{Code, InputError, Problem};
+use super::problem::{Code, Problem};
 use super::query::{Page, Query};
-use crate::formats::{Encoding, Format, FormatError};
-use crate::ingest::{
-    IngestError, Interrupted, OptionError, Receipt, Received, SpoolError, Spooled, Upload, UploadOptions,
-};
-use crate::ingest::{receive, spool};
+use crate::ingest::{Receipt, Received, Upload, UploadOptions, receive};
 use crate::lineage::{Batch, EventCounts, Model};
 use crate::store::retract::{self, Retracted};
 use crate::store::selection;
@@ -98,17 +93,6 @@ pub(super) async fn upload(
     Ok(answer)
 }
 
-fn kind(headers: &HeaderMap) -> Result<(Format, Encoding), Problem> {
-    let text = |name: HeaderName| match headers.get(&name).map(|value| value.to_str()) {
-        None => Ok(None),
-        Some(Ok(text)) => Ok(Some(text)),
-        Some(Err(_)) => Err(Code::MalformedHeader.because(format!("{name} is not ASCII"))),
-    };
-    let format = Format::from_content_type(text(CONTENT_TYPE)?.unwrap_or_default()).map_err(format_problem)?;
-    let encoding = Encoding::from_content_encoding(text(CONTENT_ENCODING)?).map_err(format_problem)?;
-    Ok((format, encoding))
-}
-
 /// What a request says beside its body, for the comparison with an earlier one of the same key.
 fn said_besides(http: &Request) -> String {
     let header = |name: HeaderName| http.headers().get(name).and_then(|v| v.to_str().ok()).unwrap_or_default();
@@ -122,17 +106,6 @@ fn digest(said: &str, body_sha256: &[u8; 32]) -> [u8; 32] {
     hasher.update([0]);
     hasher.update(body_sha256);
     hasher.finalize().into()
-}
-
-async fn take_body(app: &AppState, http: Request<Body>) -> Result<Spooled, Problem> {
-    let limit = app.ingest.max_body_bytes;
-    refuse_declared_excess(http.headers(), limit)?;
-    spool(timed(http.into_body(), app.settings.body_idle_s), &app.ingest).await.map_err(|interrupted| match interrupted
-    {
-        Interrupted::Body(problem) => problem,
-        Interrupted::Spool(SpoolError::TooLarge { max_bytes }) => too_large(max_bytes),
-        Interrupted::Spool(error @ SpoolError::Io(_)) => Problem::internal(error),
-    })
 }
 
 fn answer(model: &Model, context: &RequestContext, receipt: &Receipt, tasks: &[i64]) -> Answer {
@@ -159,40 +132,6 @@ fn note(app: &AppState, model: &Model, receipt: &Receipt, bytes: u64) {
     app.metrics.upload(model.name.as_str(), outcome, bytes, events);
     let Receipt { batch_id, accepted, duplicates, rejected_count, .. } = receipt;
     tracing::info!(model = %model.name, batch_id, accepted, duplicates, rejected_count, bytes, "batch stored");
-}
-
-fn option_problem(error: &OptionError) -> Problem {
-    Code::InvalidQuery.because(error.to_string()).with_error(InputError::parameter(
-        error.name,
-        error.code,
-        error.detail.clone(),
-    ))
-}
-
-fn ingest_problem(error: IngestError) -> Problem {
-    match error {
-        IngestError::Option(error) => option_problem(&error),
-        IngestError::Format(error) => format_problem(error),
-        IngestError::Store(error) => error.into(),
-        IngestError::Panicked => Problem::internal(error),
-    }
-}
-
-fn format_problem(error: FormatError) -> Problem {
-    let code = match &error {
-        FormatError::Truncated { .. } => Code::TruncatedBody,
-        FormatError::Malformed { .. } => Code::MalformedBody,
-        FormatError::Invalid { .. } => Code::InvalidBody,
-        FormatError::TooLarge { .. } => Code::BodyTooLarge,
-        FormatError::Unsupported { code: "not_available", .. } => Code::NotAvailable,
-        FormatError::Unsupported { .. } => Code::UnsupportedMediaType,
-        FormatError::Io(_) | FormatError::Stopped => return Problem::internal(error),
-    };
-    let problem = code.because(error.to_string());
-    match error.place() {
-        Some(place) => problem.with_error(InputError::within(place, error.code(), error.to_string())),
-        None => problem,
-    }
 }
 
 /// `GET /v1/models/{model}/batches`

@@ -12,6 +12,10 @@ mod body;
 mod context;
 /// `ETag` and `If-Match`.
 mod etag;
+/// Versions and reference drivers on events that are not kept.
+mod evaluate;
+/// Bodies of events.
+mod events_body;
 /// `/healthz`, `/readyz`, `/metrics`.
 mod health;
 /// `Idempotency-Key`.
@@ -51,6 +55,7 @@ use tokio::sync::{Semaphore, watch};
 use tower_http::catch_panic::CatchPanicLayer;
 
 pub use context::RequestIds;
+pub use evaluate::Evaluator;
 pub use idempotency::InFlight;
 pub use problem::Code;
 pub use settings::ServerSettings;
@@ -88,6 +93,10 @@ pub struct AppState {
     pub upload_slots: Arc<Semaphore>,
     /// Predictions and simulations at once.
     pub prediction_slots: Arc<Semaphore>,
+    /// What computes evaluations on events that are not kept.
+    pub evaluator: Arc<Evaluator>,
+    /// Evaluations at once.
+    pub evaluation_slots: Arc<Semaphore>,
     /// Open progress streams.
     pub stream_slots: Arc<Semaphore>,
     /// Names requests that did not bring an id.
@@ -117,7 +126,7 @@ fn routes() -> Vec<Route> {
         ("/v1/models/{model}/versions/{version}", get(versions::read).patch(versions::annotate)),
         ("/v1/models/{model}/versions/{version}/evaluation", get(versions::evaluation)),
         ("/v1/models/{model}/versions/{version}/artifact", get(absent::artifact)),
-        ("/v1/models/{model}/evaluate", post(absent::evaluate)),
+        ("/v1/models/{model}/evaluate", post(evaluate::evaluate)),
         ("/v1/models/{model}/promote", post(serving::promote)),
         ("/v1/models/{model}/rollback", post(serving::rollback)),
         ("/v1/models/{model}/history", get(serving::history)),

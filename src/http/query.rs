@@ -19,8 +19,19 @@ impl<T: DeserializeOwned> FromRequestParts<Arc<AppState>> for Query<T> {
     type Rejection = Problem;
 
     async fn from_request_parts(parts: &mut Parts, _: &Arc<AppState>) -> Result<Self, Problem> {
-        axum::extract::Query::<T>::try_from_uri(&parts.uri)
-            .map(|axum::extract::Query(value)| Self(value))
+        Self::parse(parts.uri.query().unwrap_or_default()).map(Self)
+    }
+}
+
+impl<T: DeserializeOwned> Query<T> {
+    /// What a query string says.
+    ///
+    /// # Errors
+    /// Names the parameter that is unknown or unusable.
+    pub(super) fn parse(query: &str) -> Result<T, Problem> {
+        let uri = format!("/?{query}").parse().map_err(|e| refusal(&format!("{e}")))?;
+        axum::extract::Query::<T>::try_from_uri(&uri)
+            .map(|axum::extract::Query(value)| value)
             .map_err(|e| refusal(&e.body_text()))
     }
 }

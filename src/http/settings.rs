@@ -19,6 +19,8 @@ pub struct ServerSettings {
     pub concurrent_uploads: usize,
     /// Prediction and simulation requests computed at once.
     pub concurrent_predictions: usize,
+    /// Evaluations on events that are not kept, computed at once.
+    pub concurrent_evaluations: usize,
     /// Progress streams open at once.
     pub concurrent_streams: usize,
     /// Least time between two progress events of a stream, s.
@@ -59,12 +61,13 @@ impl ServerSettings {
 
     /// Every number, and the range it must lie in.
     #[must_use]
-    pub fn numbers(&self) -> [(&'static str, f64, RangeInclusive<f64>); 14] {
+    pub fn numbers(&self) -> [(&'static str, f64, RangeInclusive<f64>); 15] {
         [
             ("json_body_bytes", self.json_body_bytes as f64, 1.0..=1e9),
             ("body_idle_s", self.body_idle_s, 0.01..=86_400.0),
             ("concurrent_uploads", self.concurrent_uploads as f64, 1.0..=10_000.0),
             ("concurrent_predictions", self.concurrent_predictions as f64, 1.0..=10_000.0),
+            ("concurrent_evaluations", self.concurrent_evaluations as f64, 1.0..=10_000.0),
             ("concurrent_streams", self.concurrent_streams as f64, 1.0..=100_000.0),
             ("progress_interval_s", self.progress_interval_s, 0.01..=3600.0),
             ("predict_windows_max", self.predict_windows_max as f64, 1.0..=1e7),

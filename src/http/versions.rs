@@ -58,7 +58,8 @@ pub(super) fn missing(model: &Model, version: i64) -> Problem {
     Code::VersionNotFound.because(format!("{} has no version {version}", model.name))
 }
 
-async fn find(app: &AppState, model: &Model, version: i64) -> Result<Version, Problem> {
+/// The version of this number.
+pub(super) async fn find(app: &AppState, model: &Model, version: i64) -> Result<Version, Problem> {
     app.store.version(model.model_id, version).await?.ok_or_else(|| missing(model, version))
 }
 
@@ -119,7 +120,8 @@ pub(super) async fn evaluation(
     })))
 }
 
-fn regime_body(regime: &RegimeEvaluation) -> Value {
+/// One regime of an evaluation.
+pub(super) fn regime_body(regime: &RegimeEvaluation) -> Value {
     let driven = driven_body(regime.measures.as_ref());
     let mut body = json!({
         "regime": regime.regime,
@@ -155,7 +157,8 @@ fn served_body(regime: &RegimeEvaluation) -> Value {
     body
 }
 
-fn driven_body(measures: Option<&TestMeasures>) -> Value {
+/// Errors on driven events; nulls without any.
+pub(super) fn driven_body(measures: Option<&TestMeasures>) -> Value {
     let rate = |measures: &TestMeasures| 100.0 * f64::from(measures.collisions) / f64::from(measures.events);
     json!({
         "spacing_mse": measures.map(|m| m.spacing_mse),
@@ -169,7 +172,7 @@ fn ratio(regime: &RegimeEvaluation) -> Option<f64> {
 }
 
 /// The continual-learning measures of the spacing error; each carries its definition.
-fn measures(stage: u32, regimes: &[RegimeEvaluation]) -> Value {
+pub(super) fn measures(stage: u32, regimes: &[RegimeEvaluation]) -> Value {
     let earlier = || regimes.iter().filter(|regime| regime.learned_stage < stage);
     let average = mean(regimes.iter().map(|r| Some(r.measures?.spacing_mse)));
     let forgetting = mean(earlier().map(|r| Some(r.measures?.spacing_mse - r.best_spacing_mse?)));
@@ -177,7 +180,7 @@ fn measures(stage: u32, regimes: &[RegimeEvaluation]) -> Value {
     json!({
         "average": {
             "value": average,
-            "definition": "mean over regimes j of R[T,j], the spacing MSE (m²) on j's test events after this stage T",
+            "definition": "mean over regimes j of R[T,j], the spacing MSE (m²) on j's events after this stage T",
         },
         "forgetting": {
             "value": forgetting,
@@ -195,7 +198,7 @@ fn measures(stage: u32, regimes: &[RegimeEvaluation]) -> Value {
 }
 
 /// The mean of those that are there; `None` of nothing.
-fn mean(values: impl Iterator<Item = Option<f64>>) -> Option<f64> {
+pub(super) fn mean(values: impl Iterator<Item = Option<f64>>) -> Option<f64> {
     let (mut sum, mut count) = (0.0, 0.0);
     for value in values.flatten() {
         sum += value;

@@ -13,6 +13,12 @@ pub enum IngestError {
     /// The body cannot be used.
     #[error(transparent)]
     Format(#[from] FormatError),
+    /// More steps than are taken in at once without being stored.
+    #[error("the accepted events have more than {max_steps} steps")]
+    TooManySteps {
+        /// The limit.
+        max_steps: u64,
+    },
     /// The database failed.
     #[error(transparent)]
     Store(#[from] StoreError),

@@ -1,7 +1,8 @@
-//! An upload's way from a body to stored events: spooled, decoded, checked and stored in one transaction.
+//! An upload's way from a body to stored events: spooled, decoded, checked and stored in one transaction; or only looked at.
 
 mod decode;
 mod error;
+mod examine;
 mod options;
 mod receipt;
 mod settings;
@@ -11,6 +12,7 @@ mod tests;
 mod upload;
 
 pub use error::IngestError;
+pub use examine::{Examined, examine};
 pub use options::{OptionError, SpacingKind, UploadOptions};
 pub use receipt::{Receipt, SpeedRange, Summary};
 pub use settings::{IngestSettings, IngestSettingsError};

@@ -8,6 +8,7 @@ use super::decode::{self, Arrival};
 use super::receipt::{Receipt, Summary};
 use super::spool::Spooled;
 use super::{IngestError, IngestSettings, UploadOptions};
+use crate::car_following::Conversion;
 use crate::formats::{Encoding, Format, FormatError};
 use crate::lineage::ModelSettings;
 use crate::store::batch::{self, BatchOutcome, NewBatch};
@@ -62,10 +63,7 @@ pub async fn receive(store: &Store, upload: Upload, settings: &IngestSettings) -
         body_bytes: upload.body.bytes,
         created_at: now,
     };
-    let (sender, arrivals) = channel(IN_FLIGHT);
-    let (limits, checks) = (settings.limits.clone(), settings.checks.clone());
-    let thread = tokio::task::spawn_blocking(move || decode::run(upload, conversion, &limits, &checks, &sender));
-    let mut decoding = Decoding { arrivals, thread: Some(thread) };
+    let mut decoding = Decoding::start(upload, conversion, settings);
     // The database has one writer: an upload that fits into the buffer takes it only when everything is decoded.
     let (mut buffer, mut bytes, mut over) = (Vec::new(), 0, false);
     while !over && bytes < settings.buffer_bytes {
@@ -94,14 +92,22 @@ pub async fn receive(store: &Store, upload: Upload, settings: &IngestSettings) -
 }
 
 /// The thread that decodes, and what comes from it. Dropped, it stops at the next event.
-struct Decoding {
+pub(super) struct Decoding {
     arrivals: Receiver<Arrival>,
     thread: Option<JoinHandle<Result<(), FormatError>>>,
 }
 
 impl Decoding {
+    /// Begins to decode and check the body.
+    pub(super) fn start(upload: Upload, conversion: Conversion, settings: &IngestSettings) -> Self {
+        let (sender, arrivals) = channel(IN_FLIGHT);
+        let (limits, checks) = (settings.limits.clone(), settings.checks.clone());
+        let thread = tokio::task::spawn_blocking(move || decode::run(upload, conversion, &limits, &checks, &sender));
+        Self { arrivals, thread: Some(thread) }
+    }
+
     /// The next arrival; none when the body ended as it should.
-    async fn next(&mut self) -> Result<Option<Arrival>, IngestError> {
+    pub(super) async fn next(&mut self) -> Result<Option<Arrival>, IngestError> {
         if let Some(arrival) = self.arrivals.recv().await {
             return Ok(Some(arrival));
         }

@@ -6,6 +6,7 @@ use serde_json::Value;
 
 use super::{ModelSettings, Promotion, RegimeName};
 use crate::consolidation::Method;
+use crate::evaluation::{Errors, ServedErrors};
 
 /// A version without its weights.
 #[derive(Debug, Clone, PartialEq)]
@@ -65,6 +66,21 @@ pub struct TestMeasures {
     pub steps: u64,
 }
 
+impl TestMeasures {
+    /// Means over simulated steps; none without any.
+    #[must_use]
+    pub fn of(errors: &Errors) -> Option<Self> {
+        let Errors { spacing_sq, speed_sq, collisions, events, steps } = *errors;
+        (steps > 0).then(|| Self {
+            spacing_mse: spacing_sq / steps as f64,
+            speed_mse: speed_sq / steps as f64,
+            collisions,
+            events,
+            steps,
+        })
+    }
+}
+
 /// The same measures of what is served: the network within the envelope.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct ServedMeasures {
@@ -76,6 +92,15 @@ pub struct ServedMeasures {
     pub collisions: u32,
     /// Simulated steps on which the envelope acted.
     pub acted_steps: u64,
+}
+
+impl ServedMeasures {
+    /// Means over simulated steps; none without any.
+    #[must_use]
+    pub fn of(served: &ServedErrors) -> Option<Self> {
+        let TestMeasures { spacing_mse, speed_mse, collisions, .. } = TestMeasures::of(&served.errors)?;
+        Some(Self { spacing_mse, speed_mse, collisions, acted_steps: served.acted_steps })
+    }
 }
 
 /// How a version drives in one regime its line has learned.

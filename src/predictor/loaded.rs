@@ -2,8 +2,12 @@
 
 use std::sync::Arc;
 
+use rayon::ThreadPool;
+
 use super::{Flag, PredictError, Prediction, Simulated};
+use crate::car_following::Event;
 use crate::driver::{Driver, Scaling, Window};
+use crate::evaluation::{self, Errors, ServedErrors};
 use crate::safety::Envelope;
 use crate::store::{Store, StoreError};
 
@@ -99,6 +103,20 @@ impl Loaded {
             accel_mps2: drive.accel_mps2,
             flags: flags(out_of_range, drive.acted_steps > 0),
         })
+    }
+
+    /// Drives `events`, at the version's step, closed loop.
+    pub(super) fn evaluate(&self, events: &[Event], workers: &ThreadPool) -> Errors {
+        let driver = &self.driver;
+        evaluation::evaluate(driver.shape(), driver.scaling(), driver.weights(), events, workers)
+    }
+
+    /// As [`Self::evaluate`], of what is served; none when that is the network's own.
+    pub(super) fn evaluate_served(&self, events: &[Event], workers: &ThreadPool) -> Option<ServedErrors> {
+        let driver = &self.driver;
+        let served =
+            || evaluation::evaluate_served(driver.shape(), driver.scaling(), driver.weights(), events, workers);
+        self.envelope.is_some().then(served)
     }
 
     fn check(&self, windows: &[Window]) -> Result<(), PredictError> {

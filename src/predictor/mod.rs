@@ -1,4 +1,4 @@
-//! Loaded versions: the live one of every model behind a swap, a few named ones beside them; predict and simulate.
+//! Loaded versions: the live one of every model behind a swap, a few named ones beside them; predict, simulate and try out.
 //!
 //! A request takes one loaded version and keeps it to its end, so that a swap neither drops nor mixes requests.
 
@@ -9,6 +9,7 @@ mod recent;
 mod settings;
 #[cfg(test)]
 mod tests;
+mod trial;
 
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -19,7 +20,8 @@ use arc_swap::ArcSwap;
 pub use answer::{Flag, Prediction, Simulated};
 pub use error::PredictError;
 pub use loaded::Loaded;
-pub use settings::PredictorSettings;
+pub use settings::{PredictorSettings, TrialSettings};
+pub use trial::{Scope, Trial, TriedReference, TriedRegime, TriedVersion};
 
 use crate::store::Store;
 use recent::Recent;

@@ -4,6 +4,40 @@ use std::ops::RangeInclusive;
 
 use serde::{Deserialize, Serialize};
 
+use crate::evaluation::CalibrationSettings;
+
+/// How much is computed to answer how versions and reference drivers drive given events.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TrialSettings {
+    /// Threads that drive, shared by all requests.
+    pub threads: usize,
+    /// Steps of the accepted events of one request.
+    pub max_steps: u64,
+    /// Versions of one request.
+    pub max_versions: usize,
+    /// How reference drivers are calibrated.
+    pub calibration: CalibrationSettings,
+}
+
+impl TrialSettings {
+    /// Every number, and the range it must lie in.
+    #[must_use]
+    pub fn numbers(&self) -> [(&'static str, f64, RangeInclusive<f64>); 8] {
+        let calibration = &self.calibration;
+        [
+            ("threads", self.threads as f64, 1.0..=1024.0),
+            ("max_steps", self.max_steps as f64, 1.0..=1e9),
+            ("max_versions", self.max_versions as f64, 1.0..=1000.0),
+            ("calibration.evaluations", calibration.evaluations.into(), 1.0..=1e6),
+            ("calibration.max_events", calibration.max_events as f64, 0.0..=1e6),
+            ("calibration.max_steps", calibration.max_steps as f64, 0.0..=1e9),
+            ("calibration.collision_penalty", calibration.collision_penalty, 0.0..=1e9),
+            ("calibration.seed", calibration.seed as f64, 0.0..=1e18),
+        ]
+    }
+}
+
 /// How much is kept loaded, and what is computed where.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]

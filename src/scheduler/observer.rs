@@ -8,7 +8,7 @@ use tokio::runtime::Handle;
 
 use super::handle::Scheduler;
 use super::running::{Running, StopReason, TaskProgress};
-use super::verdict;
+use crate::lineage::TestMeasures;
 use crate::store::Store;
 use crate::training::{Interim, Observer, Progress};
 
@@ -63,7 +63,7 @@ impl Observer for JobObserver {
     }
 
     fn evaluated(&mut self, interim: &Interim) {
-        let measures = verdict::measures(&interim.errors);
+        let measures = TestMeasures::of(&interim.errors);
         self.running.progress.send_modify(|told| told.interim = measures.map(|measures| (interim.epoch, measures)));
     }
 

@@ -8,7 +8,6 @@ use super::importance;
 use super::stage::{Known, Stage, at_step};
 use crate::car_following::Event;
 use crate::driver::{DriverShape, Scaling};
-use crate::evaluation::{Errors, ServedErrors};
 use crate::lineage::{
     ModelSettings, Promotion, PromotionDecision, PromotionPolicy, RegimeComparison, RegimeEvaluation, ServedMeasures,
     TestMeasures,
@@ -46,7 +45,7 @@ impl Network {
             let inner = &scheduler.0;
             inner.learner.evaluate(network.shape, &network.scaling, &network.weights, &events, &inner.workers)
         });
-        Ok(measures(&errors.await?))
+        Ok(TestMeasures::of(&errors.await?))
     }
 
     /// The same of what is served, when it is bounded.
@@ -64,26 +63,8 @@ impl Network {
             let inner = &scheduler.0;
             inner.learner.evaluate_served(network.shape, &network.scaling, &network.weights, &events, &inner.workers)
         });
-        let ServedErrors { errors, acted_steps } = served.await?;
-        Ok(measures(&errors).map(|TestMeasures { spacing_mse, speed_mse, collisions, .. }| ServedMeasures {
-            spacing_mse,
-            speed_mse,
-            collisions,
-            acted_steps,
-        }))
+        Ok(ServedMeasures::of(&served.await?))
     }
-}
-
-/// Means over simulated steps; none without any.
-pub(super) fn measures(errors: &Errors) -> Option<TestMeasures> {
-    let Errors { spacing_sq, speed_sq, collisions, events, steps } = *errors;
-    (steps > 0).then(|| TestMeasures {
-        spacing_mse: spacing_sq / steps as f64,
-        speed_mse: speed_sq / steps as f64,
-        collisions,
-        events,
-        steps,
-    })
 }
 
 /// Drives the new version on the test events of every regime of its line, and the parent on those of the new one.

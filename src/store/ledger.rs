@@ -7,6 +7,7 @@ use sqlx::{Row, query};
 use super::column::{digest, stored_ids};
 use super::{Store, StoreError};
 use crate::car_following::Event;
+use crate::lineage::RegimeName;
 
 /// A stored event and its content digest.
 #[derive(Debug, Clone, PartialEq)]
@@ -140,6 +141,41 @@ impl Store {
             }
         }
         Ok(regimes)
+    }
+
+    /// The `limit` training events of least digest that the version's line learned, under one regime or under any, in order
+    /// of their digests.
+    ///
+    /// # Errors
+    /// When the database cannot be read.
+    pub async fn line_sample(
+        &self,
+        model_id: i64,
+        version: i64,
+        regime: Option<&RegimeName>,
+        limit: u32,
+    ) -> Result<Vec<LedgerEvent>, StoreError> {
+        let rows = query(
+            "with recursive line (version, parent, task_id) as (
+                 select version, parent, task_id from version where model_id = ?1 and version = ?2
+                 union all
+                 select v.version, v.parent, v.task_id from line
+                 join version v on v.model_id = ?1 and v.version = line.parent
+             )
+             select e.event_id, e.content_sha256, e.dt_s, e.arrays from event e
+             where e.split = 'train' and e.event_id in (
+                 select te.event_id from line join task t on t.task_id = line.task_id
+                 join task_event te on te.task_id = t.task_id
+                 where ?3 is null or t.regime = ?3
+             )
+             order by e.content_sha256 limit ?4",
+        )
+        .bind(model_id)
+        .bind(version)
+        .bind(regime.map(RegimeName::as_str))
+        .bind(limit)
+        .fetch(&self.readers);
+        events_from(rows).await
     }
 
     /// The test events of a reservoir, if there is one yet, after a task: the `limit` of least digest among the old ones

@@ -32,7 +32,7 @@ fn numbers(event: &Value, member: &str) -> Vec<f64> {
 }
 
 /// The rows of these events under the column names of `preset=follownet`.
-fn follownet_csv(events: &[Value]) -> Vec<u8> {
+pub(crate) fn follownet_csv(events: &[Value]) -> Vec<u8> {
     let mut text = "event_id,t,spacing,sv_speed,lv_speed,rel_speed\n".to_owned();
     for event in events {
         let id = event["event_id"].as_str().unwrap();
