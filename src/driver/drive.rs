@@ -3,7 +3,7 @@
 use super::{DriverShape, Scaling};
 use crate::car_following::Event;
 use crate::lstm::{INPUTS, Layout, Overlap, Real};
-use crate::safety::Envelope;
+use crate::safety::{Cause, Envelope};
 
 /// Whether the network reads its own simulation or the recording.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -31,8 +31,10 @@ pub struct Drive<T> {
     speed: Vec<T>,
     /// tanh of the head at the step that led here.
     squashed: Vec<T>,
-    /// Steps of each event on which the envelope acted.
+    /// Steps of each event on which the envelope acted for the leader's sake.
     acted: Vec<u32>,
+    /// Steps of each event on which it kept the follower from driving backwards.
+    held: Vec<u32>,
     inputs: Vec<T>,
     outputs: Vec<T>,
 }
@@ -61,6 +63,7 @@ impl<T: Real> Drive<T> {
             speed: Vec::new(),
             squashed: Vec::new(),
             acted: Vec::new(),
+            held: Vec::new(),
             inputs: Vec::new(),
             outputs: Vec::new(),
         }
@@ -71,10 +74,16 @@ impl<T: Real> Drive<T> {
         self.envelope = envelope;
     }
 
-    /// Steps of event `n` on which the envelope acted.
+    /// Steps of event `n` on which the envelope acted for the leader's sake.
     #[must_use]
     pub fn acted_steps(&self, n: usize) -> u32 {
         self.acted[n]
+    }
+
+    /// Steps of event `n` on which the envelope kept the follower from driving backwards.
+    #[must_use]
+    pub fn held_steps(&self, n: usize) -> u32 {
+        self.held[n]
     }
 
     /// Steps of event `n`.
@@ -143,8 +152,10 @@ impl<T: Real> Drive<T> {
         self.events = events.len();
         self.steps.clear();
         self.steps.extend(events.iter().map(|e| e.steps()));
-        self.acted.clear();
-        self.acted.resize(self.events, 0);
+        for counts in [&mut self.acted, &mut self.held] {
+            counts.clear();
+            counts.resize(self.events, 0);
+        }
         assert!(self.steps.iter().all(|&steps| steps > self.shape.horizon), "every event outlasts its first window");
         let len = self.steps.first().copied().unwrap_or(0) * self.events;
         for buffer in [&mut self.leader, &mut self.spacing, &mut self.speed, &mut self.squashed] {
@@ -176,10 +187,11 @@ impl<T: Real> Drive<T> {
             let mut next_v = v + dt * limit * u;
             if let Some(envelope) = self.envelope {
                 let [raw, s, v_now, leader] = [limit * u, s, v, self.leader[now]].map(|x| x.wide() as f32);
-                let served = envelope.served_mps2(raw, s, v_now, leader);
-                if served != raw {
-                    self.acted[n] += 1;
-                    next_v = v + dt * T::of(served.into());
+                let bounded = envelope.bounded(raw, s, v_now, leader);
+                if let Some(cause) = bounded.cause {
+                    let counts = if cause == Cause::Leader { &mut self.acted } else { &mut self.held };
+                    counts[n] += 1;
+                    next_v = v + dt * T::of(bounded.accel_mps2.into());
                 }
             }
             self.squashed[next] = u;

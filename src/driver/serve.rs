@@ -38,7 +38,7 @@ pub struct Simulation {
     /// Acceleration that led to each of them, m/s².
     pub accel_mps2: Vec<f32>,
     /// Steps on which that is not what the network asked for.
-    pub acted_steps: usize,
+    pub differing_steps: usize,
 }
 
 /// Fixed weights, ready to serve.
@@ -105,7 +105,7 @@ impl Driver {
         let mut leader = initial.leader_speed_mps.clone();
         let mut spacing = initial.spacing_m.clone();
         let mut accel = Vec::with_capacity(leader_speed_mps.len());
-        let mut acted_steps = 0;
+        let mut differing_steps = 0;
         let mut inputs = Vec::with_capacity(horizon * INPUTS);
         assert!([&follower, &leader, &spacing].iter().all(|x| x.len() == horizon), "a window holds `horizon` steps");
         for &next_leader in leader_speed_mps {
@@ -116,7 +116,7 @@ impl Driver {
             }
             let raw = self.squash(self.encoder.head_values(horizon, &inputs))[0];
             let a = envelope.map_or(raw, |e| e.served_mps2(raw, spacing[now], follower[now], leader[now]));
-            acted_steps += usize::from(a != raw);
+            differing_steps += usize::from(a != raw);
             let v = follower[now] + self.shape.dt_s * a;
             let closing = 0.5 * (leader[now] + next_leader) - 0.5 * (follower[now] + v);
             spacing.push(spacing[now] + self.shape.dt_s * closing);
@@ -128,7 +128,7 @@ impl Driver {
             spacing_m: spacing.split_off(horizon),
             follower_speed_mps: follower.split_off(horizon),
             accel_mps2: accel,
-            acted_steps,
+            differing_steps,
         }
     }
 

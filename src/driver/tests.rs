@@ -141,7 +141,7 @@ fn serving_answers_what_driving_computes() {
     let mut drive = Drive::<f32>::new(SHAPE);
     drive.forward(&weights, &SCALING, &[&event], Loop::Closed);
     let simulation = driver.simulate(&window(&event, 0), &event.leader_speed_mps()[SHAPE.horizon..], None);
-    assert_eq!((simulation.acted_steps, drive.acted_steps(0)), (0, 0));
+    assert_eq!((simulation.differing_steps, drive.acted_steps(0), drive.held_steps(0)), (0, 0, 0));
     for t in SHAPE.horizon..30 {
         let at = t - SHAPE.horizon;
         assert!((simulation.accel_mps2[at] - drive.accel_mps2(t, 0)).abs() < 1e-4);
@@ -162,11 +162,11 @@ fn a_bounded_drive_is_what_is_served_and_never_touches_the_leader() {
     let alone = driver.simulate(&window(&event, 0), leader, None);
     assert!(alone.spacing_m.iter().any(|&s| s <= 0.0), "the case is meant to be hard");
     assert!(bounded.spacing_m.iter().all(|&s| s > 0.0) && bounded.follower_speed_mps.iter().all(|&v| v >= 0.0));
-    assert!(bounded.acted_steps > 0);
+    assert!(bounded.differing_steps > 0);
     let mut drive = Drive::<f32>::new(SHAPE);
     drive.bound(envelope);
     drive.forward(&weights, &SCALING, &[&event], Loop::Closed);
-    assert_eq!(drive.acted_steps(0) as usize, bounded.acted_steps);
+    assert_eq!((drive.acted_steps(0) + drive.held_steps(0)) as usize, bounded.differing_steps);
     for t in SHAPE.horizon..40 {
         assert!((bounded.spacing_m[t - SHAPE.horizon] - drive.spacing_m(t, 0)).abs() < 1e-3);
     }

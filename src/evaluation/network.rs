@@ -42,8 +42,10 @@ pub fn drive_all(
 pub struct ServedErrors {
     /// Of the bounded driver.
     pub errors: Errors,
-    /// Simulated steps on which the envelope acted.
+    /// Simulated steps on which the envelope acted for the leader's sake.
     pub acted_steps: u64,
+    /// Simulated steps on which it kept the follower from driving backwards.
+    pub held_steps: u64,
 }
 
 /// As [`evaluate`], with the network bounded by an envelope: what a server drives.
@@ -60,12 +62,17 @@ pub fn evaluate_served(
     let part = |drive: &mut Drive<f32>, piece: &[&Event]| {
         drive.bound(Some(Envelope::new(shape.dt_s)));
         drive.forward(weights, scaling, piece, Loop::Closed);
-        let acted_steps: u64 = (0..piece.len()).map(|n| u64::from(drive.acted_steps(n))).sum();
-        ServedErrors { errors: errors(drive, shape.horizon, piece), acted_steps }
+        let steps = |of: fn(&Drive<f32>, usize) -> u32| (0..piece.len()).map(|n| u64::from(of(drive, n))).sum();
+        ServedErrors {
+            errors: errors(drive, shape.horizon, piece),
+            acted_steps: steps(Drive::acted_steps),
+            held_steps: steps(Drive::held_steps),
+        }
     };
     Crew::new(shape, workers).each(&long_enough, part, |part| {
         total.errors += part.errors;
         total.acted_steps += part.acted_steps;
+        total.held_steps += part.held_steps;
     });
     total
 }
@@ -106,6 +113,7 @@ fn driven(drive: &Drive<f32>, n: usize) -> Trajectory {
         spacing_m: (0..drive.steps(n)).map(|t| drive.spacing_m(t, n)).collect(),
         follower_speed_mps: (0..drive.steps(n)).map(|t| drive.speed_mps(t, n)).collect(),
         acted_steps: drive.acted_steps(n).into(),
+        held_steps: drive.held_steps(n).into(),
     }
 }
 
@@ -175,6 +183,6 @@ mod tests {
         assert_eq!((whole.steps, whole.events), (sums.steps, sums.events));
         assert!((whole.spacing_sq - sums.spacing_sq).abs() < 1e-9 * whole.spacing_sq);
         let served = evaluate_served(SHAPE, &scaling(), &weights, &events, &workers);
-        assert_eq!((served.errors, served.acted_steps), (whole, 0), "nothing here is dangerous");
+        assert_eq!((served.errors, served.acted_steps, served.held_steps), (whole, 0, 0), "nothing here is dangerous");
     }
 }

@@ -13,7 +13,7 @@ use super::body::JsonBody;
 use super::path::{ModelAt, VersionAt, task_id};
 use super::problem::{Code, InputError, Problem};
 use super::query::Page;
-use crate::lineage::{Model, RegimeEvaluation, TestMeasures, Version};
+use crate::lineage::{Model, RegimeEvaluation, ServedMeasures, TestMeasures, Version};
 use crate::store::version;
 
 /// Longest note, in bytes.
@@ -149,11 +149,12 @@ fn served_body(regime: &RegimeEvaluation) -> Value {
         ..*network
     });
     let mut body = driven_body(served.as_ref().or(network));
-    let acted = |network: &TestMeasures| {
-        let steps = regime.served.map_or(0, |served| served.acted_steps);
-        100.0 * steps as f64 / network.steps as f64
+    let share = |steps: fn(ServedMeasures) -> u64| {
+        let of = |network: &TestMeasures| 100.0 * regime.served.map_or(0, steps) as f64 / network.steps as f64;
+        network.map(of)
     };
-    body["acted_percent"] = json!(network.map(acted));
+    body["acted_percent"] = json!(share(|served| served.acted_steps));
+    body["held_percent"] = json!(share(|served| served.held_steps));
     body
 }
 
@@ -210,7 +211,7 @@ pub(super) fn mean(values: impl Iterator<Item = Option<f64>>) -> Option<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::lineage::{RegimeName, ServedMeasures};
+    use crate::lineage::RegimeName;
 
     fn regime(
         name: &str,
@@ -262,10 +263,13 @@ mod tests {
         let alone = regime("a", 1, Some(1.0), None, None);
         let body = regime_body(&alone);
         assert_eq!((&body["served"]["spacing_mse"], &body["served"]["acted_percent"]), (&json!(1.0), &json!(0.0)));
-        let served = ServedMeasures { spacing_mse: 2.0, speed_mse: 1.0, collisions: 0, acted_steps: 2 };
+        let served = ServedMeasures { spacing_mse: 2.0, speed_mse: 1.0, collisions: 0, acted_steps: 2, held_steps: 4 };
         let body = regime_body(&RegimeEvaluation { served: Some(served), ..alone });
         assert_eq!(body["spacing_mse"], json!(1.0));
         assert_eq!((&body["served"]["spacing_mse"], &body["served"]["acted_percent"]), (&json!(2.0), &json!(0.5)));
-        assert_eq!(body["served"]["collision_rate_percent"], json!(0.0));
+        assert_eq!(
+            (&body["served"]["collision_rate_percent"], &body["served"]["held_percent"]),
+            (&json!(0.0), &json!(1.0))
+        );
     }
 }

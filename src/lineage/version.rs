@@ -90,8 +90,10 @@ pub struct ServedMeasures {
     pub speed_mse: f64,
     /// Events with some simulated spacing ≤ 0.
     pub collisions: u32,
-    /// Simulated steps on which the envelope acted.
+    /// Simulated steps on which the envelope acted for the leader's sake.
     pub acted_steps: u64,
+    /// Simulated steps on which it kept the follower from driving backwards.
+    pub held_steps: u64,
 }
 
 impl ServedMeasures {
@@ -99,7 +101,13 @@ impl ServedMeasures {
     #[must_use]
     pub fn of(served: &ServedErrors) -> Option<Self> {
         let TestMeasures { spacing_mse, speed_mse, collisions, .. } = TestMeasures::of(&served.errors)?;
-        Some(Self { spacing_mse, speed_mse, collisions, acted_steps: served.acted_steps })
+        Some(Self {
+            spacing_mse,
+            speed_mse,
+            collisions,
+            acted_steps: served.acted_steps,
+            held_steps: served.held_steps,
+        })
     }
 }
 

@@ -101,7 +101,7 @@ impl Loaded {
             spacing_m: driven.spacing_m,
             follower_speed_mps: driven.follower_speed_mps,
             accel_mps2: drive.accel_mps2,
-            flags: flags(out_of_range, drive.acted_steps > 0),
+            flags: flags(out_of_range, drive.differing_steps > 0),
         })
     }
 

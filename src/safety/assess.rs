@@ -39,7 +39,7 @@ pub struct StressOutcome {
     pub avoidable_collisions: usize,
     /// Scenarios in which it moves backwards at some step.
     pub backwards: usize,
-    /// Steps on which the envelope acted, of all simulated ones, %.
+    /// Steps on which the envelope acted for the leader's sake, of all simulated ones, %.
     pub acted_percent: f64,
     /// Least time to collision of a drive, s.
     pub min_ttc_s: Spread,

@@ -6,6 +6,24 @@ pub const HARDEST_BRAKING_MPS2: f64 = 8.0;
 /// Spacing that the envelope keeps in the worst case, m. Rounding to f32 costs less than a millimetre of it.
 pub const MARGIN_M: f64 = 0.2;
 
+/// What is served, and why where it is not what the network asked for.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Bounded {
+    /// m/s².
+    pub accel_mps2: f32,
+    /// Nothing where the network's is served.
+    pub cause: Option<Cause>,
+}
+
+/// Why the network's acceleration is not served.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Cause {
+    /// Its leader could brake so that the follower could not avoid it any more.
+    Leader,
+    /// It would drive backwards: a car that stops or stands is braked no further.
+    Standstill,
+}
+
 /// A bound on the follower's acceleration that no braking of its leader can turn into a collision.
 ///
 /// A state (spacing s, follower speed v, leader speed l) is *safe* when both cars, braking at B = 8 m/s² from now to
@@ -41,14 +59,25 @@ impl Envelope {
     /// acceleration that is, else full braking. Never one that makes a speed negative; a car found rolling backwards is not
     /// driven further back. Grows with `raw_mps2`, spacing and leader speed.
     #[must_use]
-    pub fn served_mps2(self, raw_mps2: f32, spacing_m: f32, follower_mps: f32, leader_mps: f32) -> f32 {
+    pub fn bounded(self, raw_mps2: f32, spacing_m: f32, follower_mps: f32, leader_mps: f32) -> Bounded {
         let (s, v, l) = (f64::from(spacing_m), f64::from(follower_mps).max(0.0), f64::from(leader_mps).max(0.0));
         let stop = stopping_mps2(v, self.dt_s);
         let hardest = stop.max(-HARDEST_BRAKING_MPS2 as f32);
         let bound = rounded_down((self.greatest_next_mps(s, v, l) - v) / self.dt_s).max(hardest);
-        // Written so that a raw value that is no number stays one that is none: it is not for this to hide.
-        let bounded = if raw_mps2 > bound { bound } else { raw_mps2 };
-        if bounded < stop { stop } else { bounded }
+        if raw_mps2 < stop {
+            Bounded { accel_mps2: stop, cause: Some(Cause::Standstill) }
+        } else if raw_mps2 > bound {
+            Bounded { accel_mps2: bound, cause: Some(Cause::Leader) }
+        } else {
+            // A raw value that is no number stays one that is none: it is not for this to hide.
+            Bounded { accel_mps2: raw_mps2, cause: None }
+        }
+    }
+
+    /// The acceleration of [`Self::bounded`].
+    #[must_use]
+    pub fn served_mps2(self, raw_mps2: f32, spacing_m: f32, follower_mps: f32, leader_mps: f32) -> f32 {
+        self.bounded(raw_mps2, spacing_m, follower_mps, leader_mps).accel_mps2
     }
 
     /// Whether both cars, braking at B from now to standstill, stay [`MARGIN_M`] apart.

@@ -82,6 +82,17 @@ fn a_network_that_is_no_number_is_not_hidden() {
     assert!(Envelope::new(0.1).served_mps2(f32::NAN, 20.0, 10.0, 10.0).is_nan());
 }
 
+#[test]
+fn the_cause_tells_a_held_car_from_a_bounded_one() {
+    let envelope = Envelope::new(0.1);
+    let cause = |raw, s, v, l| envelope.bounded(raw, s, v, l).cause;
+    assert_eq!(cause(-0.1, 5.0, 0.0, 0.0), Some(Cause::Standstill));
+    assert_eq!(cause(1.0, 0.5, 10.0, 10.0), Some(Cause::Leader));
+    assert_eq!(cause(1.0, 30.0, 10.0, 10.0), None);
+    // Both cars stand too close: to hold is what the network wants, too.
+    assert_eq!(cause(0.0, 0.05, 0.0, 0.0), None);
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(2000))]
 

@@ -14,7 +14,7 @@ mod table;
 mod trajectory;
 
 pub use assess::{SafetyReport, Spread, StressOutcome, assess};
-pub use envelope::{Envelope, HARDEST_BRAKING_MPS2, MARGIN_M};
+pub use envelope::{Bounded, Cause, Envelope, HARDEST_BRAKING_MPS2, MARGIN_M};
 pub use platoon::{Platoon, PlatoonOutcome, WaveGain};
 pub use stress::{StressClass, StressScenario, StressSettings, stress_set};
 pub use surrogate::Surrogates;

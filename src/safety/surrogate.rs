@@ -63,7 +63,7 @@ mod tests {
     use super::*;
 
     fn driven(event: &Event, spacing_m: Vec<f32>, follower_speed_mps: Vec<f32>) -> Surrogates {
-        Surrogates::of(event, &Trajectory { spacing_m, follower_speed_mps, acted_steps: 0 }, 1)
+        Surrogates::of(event, &Trajectory { spacing_m, follower_speed_mps, acted_steps: 0, held_steps: 0 }, 1)
     }
 
     #[test]

@@ -10,8 +10,10 @@ pub struct Trajectory {
     pub spacing_m: Vec<f32>,
     /// m/s.
     pub follower_speed_mps: Vec<f32>,
-    /// Simulated steps on which an envelope acted; 0 without one.
+    /// Simulated steps on which an envelope acted for the leader's sake; 0 without one.
     pub acted_steps: u64,
+    /// Simulated steps on which it kept the follower from driving backwards.
+    pub held_steps: u64,
 }
 
 impl Trajectory {
@@ -32,7 +34,7 @@ impl Trajectory {
             spacing_m.push(state.spacing_m as f32);
             follower_speed_mps.push(state.speed_mps as f32);
         }
-        Self { spacing_m, follower_speed_mps, acted_steps: 0 }
+        Self { spacing_m, follower_speed_mps, acted_steps: 0, held_steps: 0 }
     }
 
     /// Whether some simulated spacing is not positive.
@@ -45,6 +47,11 @@ impl Trajectory {
 impl From<reference::Driven> for Trajectory {
     fn from(driven: reference::Driven) -> Self {
         let narrow = |values: Vec<f64>| values.into_iter().map(|x| x as f32).collect();
-        Self { spacing_m: narrow(driven.spacing_m), follower_speed_mps: narrow(driven.speed_mps), acted_steps: 0 }
+        Self {
+            spacing_m: narrow(driven.spacing_m),
+            follower_speed_mps: narrow(driven.speed_mps),
+            acted_steps: 0,
+            held_steps: 0,
+        }
     }
 }

@@ -33,15 +33,14 @@ fn measures_from(
 }
 
 fn served_from(row: &SqliteRow) -> Result<Option<ServedMeasures>, StoreError> {
-    let (spacing_mse, speed_mse) = (row.try_get("served_spacing_mse")?, row.try_get("served_speed_mse")?);
-    let (collisions, acted_steps) =
-        (optional_count(row, "served_collisions")?, optional_count(row, "served_acted_steps")?);
-    Ok(match (spacing_mse, speed_mse, collisions, acted_steps) {
-        (Some(spacing_mse), Some(speed_mse), Some(collisions), Some(acted_steps)) => {
-            Some(ServedMeasures { spacing_mse, speed_mse, collisions, acted_steps })
-        }
-        _ => None,
-    })
+    let Some(spacing_mse) = row.try_get("served_spacing_mse")? else { return Ok(None) };
+    Ok(Some(ServedMeasures {
+        spacing_mse,
+        speed_mse: row.try_get("served_speed_mse")?,
+        collisions: count(row, "served_collisions")?,
+        acted_steps: count(row, "served_acted_steps")?,
+        held_steps: count(row, "served_held_steps")?,
+    }))
 }
 
 fn regime_from(row: &SqliteRow) -> Result<LineRegime, StoreError> {

@@ -212,8 +212,8 @@ async fn insert_regimes(
             "insert into version_regime (model_id, version, position, regime, learned_stage, learned_version, anchor_id,
                  reservoir_id, test_events, test_steps, spacing_mse, speed_mse, collisions, before_spacing_mse,
                  before_speed_mse, before_collisions, diagonal_spacing_mse, best_spacing_mse, served_spacing_mse,
-                 served_speed_mse, served_collisions, served_acted_steps)
-             values (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
+                 served_speed_mse, served_collisions, served_acted_steps, served_held_steps)
+             values (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
         )
         .bind(model_id)
         .bind(version)
@@ -237,6 +237,7 @@ async fn insert_regimes(
         .bind(served.map(|m| m.speed_mse))
         .bind(served.map(|m| m.collisions))
         .bind(served.map(|m| signed(m.acted_steps)).transpose()?)
+        .bind(served.map(|m| signed(m.held_steps)).transpose()?)
         .execute(&mut **transaction)
         .await?;
     }

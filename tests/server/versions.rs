@@ -23,7 +23,9 @@ async fn versions_are_listed_with_their_lineage_and_evaluated_on_every_regime() 
     assert_eq!((&tasks[0]["events"], &tasks[0]["stage"]), (&json!(4), &json!(1)));
     assert!(tasks[0]["before"].is_null() && tasks[1]["before"].is_number());
     for task in tasks {
-        assert_eq!(task["served"]["acted_percent"], json!(0.0), "nothing about this traffic is dangerous");
+        let served = &task["served"];
+        assert_eq!(served["acted_percent"], json!(0.0), "nothing about this traffic is dangerous");
+        assert_eq!(served["held_percent"], json!(0.0), "nor does anybody stop");
         assert_eq!(task["served"]["spacing_mse"], task["spacing_mse"]);
     }
     for measure in ["average", "forgetting", "forgetting_ratio", "backward_transfer"] {

@@ -155,6 +155,6 @@ impl Learner for Fake {
         let sum = 2.0 * f64::from(weights[0]) * steps as f64;
         let errors =
             Errors { spacing_sq: sum, speed_sq: sum, collisions: 0, events: u32::try_from(steps).unwrap(), steps };
-        ServedErrors { errors, acted_steps: 1 }
+        ServedErrors { errors, acted_steps: 1, held_steps: 0 }
     }
 }
