@@ -127,6 +127,7 @@ fn learn(
             memory: &memory,
             train,
             validation: &[],
+            replay: &[],
         };
         let learned = learn_stage(&input, None, workers, &mut Unwatched)?;
         memory.extend(learned.memory.clone());
