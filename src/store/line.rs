@@ -135,3 +135,44 @@ fn memory_from(row: &SqliteRow) -> Result<RegimeMemory, StoreError> {
         regime,
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use sqlx::sqlite::{SqliteConnectOptions, SqlitePoolOptions};
+
+    use super::*;
+    use crate::store::StoreSettings;
+
+    /// A version as the first release wrote it.
+    const FIRST_RELEASE: [&str; 4] = [
+        "insert into model (name, method, settings, created_at) values ('m', 'naive', '{}', '2026-01-01T00:00:00Z')",
+        "insert into version (model_id, version, stage, regime, method, settings, seed, kernel, train_events, events_sha256,
+             scaling, weights_sha256, promotion, created_at)
+         values (1, 1, 1, 'fast', 'naive', '{\"envelope\": false}', 42, 'none', 1, zeroblob(32), '{}', zeroblob(32), '{}',
+             '2026-01-01T00:00:00Z')",
+        "insert into reservoir (model_id, event_ids) values (1, x'')",
+        "insert into version_regime (model_id, version, position, regime, learned_stage, learned_version, reservoir_id,
+             test_events, test_steps, spacing_mse, speed_mse, collisions)
+         values (1, 1, 0, 'fast', 1, 1, 1, 4, 400, 2.5, 0.5, 1)",
+    ];
+
+    #[tokio::test]
+    async fn a_version_of_the_first_release_keeps_its_figures_and_has_none_of_an_envelope() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("headway.db");
+        let options = SqliteConnectOptions::new().filename(&path).create_if_missing(true);
+        let pool = SqlitePoolOptions::new().max_connections(1).connect_with(options).await.unwrap();
+        let mut first = sqlx::migrate!("./migrations");
+        first.migrations = first.migrations.iter().take(1).cloned().collect::<Vec<_>>().into();
+        first.run(&pool).await.unwrap();
+        for statement in FIRST_RELEASE {
+            query(statement).execute(&pool).await.unwrap();
+        }
+        pool.close().await;
+        let settings = StoreSettings { path, readers: 1, busy_timeout_s: 5.0, writer_wait_s: 5.0, statement_cache: 16 };
+        let store = Store::open(&settings).await.unwrap();
+        let evaluation = store.evaluation(1, 1).await.unwrap().remove(0);
+        assert_eq!(evaluation.measures.unwrap().spacing_mse, 2.5);
+        assert_eq!(evaluation.served, None);
+    }
+}
