@@ -113,7 +113,7 @@ impl Default for ModelSettings {
             accumulation: None,
             online_decay: 0.95,
             penalty_step: PenaltyStep::Proximal,
-            replay_events: 100,
+            replay_events: 500,
             replay_share: 0.5,
             si_damping: 0.001,
             seed: 42,
