@@ -2,10 +2,15 @@
 
 use super::{Accumulation, Method, Penalty, PenaltyStep};
 
-/// Strength where none is set: what kept old traffic and learned new on generated and on recorded data alike.
+/// Strength where none is set: what kept old traffic and learned new on generated and on recorded data alike. Beside replay
+/// a third of it does.
 #[must_use]
 pub fn default_strength(method: Method) -> f64 {
-    if method.consolidates() { 1.0 } else { 0.0 }
+    match (method.consolidates(), method.replays()) {
+        (false, _) => 0.0,
+        (true, false) => 1.0,
+        (true, true) => 0.3,
+    }
 }
 
 /// Accumulation where none is set.
