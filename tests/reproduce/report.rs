@@ -15,7 +15,7 @@ fn numbers(matrix: &Value) -> Vec<Vec<f64>> {
 fn every_method_has_full_tables_and_stage_one_is_one() {
     let folder = folder(20);
     let methods = "joint,naive,ewc,mas,si,replay,replay_ewc,replay_mas";
-    let output = reproduce(folder.path(), &["--events", "events.csv", "--json", "--methods", methods])
+    let output = reproduce(folder.path(), &["--events", "events.csv", "--json", "--no-safety", "--methods", methods])
         .args(SMALL)
         .output()
         .unwrap();
@@ -67,7 +67,7 @@ fn every_method_has_full_tables_and_stage_one_is_one() {
 #[test]
 fn tasks_are_by_speed_by_source_or_as_a_file_says_in_any_order() {
     let folder = folder(12);
-    let one = ["--events", "events.csv", "--methods", "naive", "--seeds", "1"];
+    let one = ["--events", "events.csv", "--methods", "naive", "--seeds", "1", "--no-safety"];
     let small = &SMALL[..6];
     let tasks = |arguments: &[&str]| {
         let output = reproduce(folder.path(), &one).args(small).args(arguments).output().unwrap();
@@ -104,7 +104,7 @@ fn what_is_left_out_is_said_with_the_reason() {
     });
     let bad = text.lines().filter(|line| line.contains(",-9")).count();
     fs::write(folder.path().join("events.csv"), text).unwrap();
-    let arguments = ["--events", "events.csv", "--methods", "naive", "--seeds", "1"];
+    let arguments = ["--events", "events.csv", "--methods", "naive", "--seeds", "1", "--no-safety"];
     let output = reproduce(folder.path(), &arguments).args(&SMALL[..6]).output().unwrap();
     let report = report(folder.path(), &output);
     assert_eq!(bad, 6, "an early and a late one of each regime");
@@ -113,4 +113,40 @@ fn what_is_left_out_is_said_with_the_reason() {
     assert_eq!((&left_out["events"], &left_out["file"]), (&json!(3), &json!("events.csv")));
     assert!(left_out["reason"].as_str().unwrap().contains("spacing_not_positive"), "{left_out}");
     assert!(told(&output).contains("left out 3 of events.csv: refused by the physics checks"), "{}", told(&output));
+}
+
+#[test]
+fn the_page_has_the_tables_and_embeds_figures_that_are_there() {
+    let folder = folder(20);
+    let output =
+        reproduce(folder.path(), &["--events", "events.csv", "--methods", "joint,naive,ewc"]).args(SMALL).output();
+    let report = report(folder.path(), &output.unwrap());
+    let page = fs::read_to_string(folder.path().join("out/report.md")).unwrap();
+    for part in [
+        "## Spacing error: mean squared error over simulated steps, m²",
+        "| naive | fast |",
+        "23.01 / 47.78 / 81.35",
+        "## Methods against each other",
+        "## Reference drivers",
+        "## Served, within the envelope",
+        "| ewc, served |",
+        "Sides: 70/15/15 at random inside each task, split_seed 0.",
+        "\"collision_margin_m\"",
+    ] {
+        assert!(page.contains(part), "{part} is missing in:\n{page}");
+    }
+    let cell = format!("{:.2} (", report["methods"]["joint"]["spacing_mse"][0][1].as_f64().unwrap());
+    let row = page.lines().find(|line| line.starts_with("| joint | middle |")).unwrap();
+    assert!(row.contains(&cell), "{row} has the number of report.json, {cell}");
+    let figures: Vec<_> = page.split("](").skip(1).map(|rest| rest.split(')').next().unwrap()).collect();
+    assert_eq!(figures.len(), 7, "{figures:?}");
+    for figure in figures {
+        let svg = fs::read_to_string(folder.path().join("out").join(figure)).unwrap();
+        assert!(svg.starts_with("<svg ") && svg.ends_with("</svg>\n"), "{figure}");
+        assert!(!svg.contains("NaN") && !svg.contains("inf"), "{figure}: {svg}");
+    }
+    let sweep = report["lambda_sweep"]["ewc"].as_array().unwrap();
+    let lambdas: Vec<_> = sweep.iter().map(|point| point["lambda"].as_f64().unwrap()).collect();
+    assert!(lambdas.len() == 5 && lambdas.is_sorted_by(|a, b| a < b), "{lambdas:?}");
+    assert_eq!(report["safety"].as_array().unwrap().len(), 7, "three methods alone and served, and the IDM");
 }

@@ -68,6 +68,9 @@ pub(in crate::cli) struct ReproduceArguments {
     /// Leave out the reference drivers
     #[arg(long)]
     pub(super) no_references: bool,
+    /// Leave out the hard scenarios and the platoon
+    #[arg(long)]
+    pub(super) no_safety: bool,
     /// Threads [default: as many as there are cores]
     #[arg(long, value_name = "N")]
     pub(super) threads: Option<usize>,

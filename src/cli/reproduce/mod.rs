@@ -6,10 +6,16 @@ mod arguments;
 mod choice;
 /// The events of the files.
 mod events;
+/// The figures.
+mod figures;
 /// How a stage drives.
 mod measured;
 /// What a stage tells on its way.
 mod observer;
+/// `report.md`.
+mod page;
+/// The paper's figures.
+mod paper;
 /// What is learned from what.
 mod plan;
 /// How far it is.
@@ -20,38 +26,62 @@ mod references;
 mod report;
 /// What was learned, as tables.
 mod results;
+/// Where it is hard.
+mod safety;
 /// Tasks and sides from a file.
 mod splits_file;
 /// Stages on disk.
 mod state;
+/// Error over λ.
+mod sweep;
 /// Learning what is not there yet.
 mod work;
 
 use std::fs;
 use std::io::Write;
 use std::path::Path;
+use std::time::Instant;
 
 use anyhow::Context;
 
 pub(super) use arguments::ReproduceArguments;
 
 use arguments::Options;
+use page::Page;
 use plan::Plan;
 use report::Report;
 use results::{Learnt, Results, Runs};
+use sweep::Sweep;
 use work::Work;
 
 /// Reads, learns, measures, and writes the report.
 pub(super) fn run(arguments: &ReproduceArguments) -> anyhow::Result<()> {
+    let began = Instant::now();
     let options = Options::read(arguments)?;
     let plan = Plan::make(arguments, &options)?;
     let mut work = Work::new(arguments, &options, &plan)?;
     introduce(&work);
-    let results = learn(arguments, &options, &plan, &mut work)?;
-    let report = Report::new(arguments, &options, &plan.told, &results);
-    let text = serde_json::to_string_pretty(&report)? + "\n";
-    write(&arguments.out, "report.json", &text)?;
-    work.progress.say(&format!("the report is in {}", arguments.out.display()));
+    let (results, sweeps) = learn(arguments, &options, &plan, &mut work)?;
+    let safety =
+        if arguments.no_safety { Vec::new() } else { safety::assessed(&work, &results, !arguments.no_references)? };
+    let figures = if arguments.no_figures { Vec::new() } else { figures::figures(&work, &results, &sweeps) };
+    for figure in &figures {
+        write(&arguments.out, figure.file, &figure.svg)?;
+    }
+    let mut report = Report::new(arguments, &options, &plan.told, &results, &sweeps, safety);
+    report.seconds = began.elapsed().as_secs_f64();
+    let page = Page {
+        arguments,
+        options: &options,
+        told: &plan.told,
+        results: &results,
+        safety: &report.safety,
+        figures: &figures,
+        took: began.elapsed(),
+    };
+    write(&arguments.out, "report.md", &page.text())?;
+    write(&arguments.out, "report.json", &(serde_json::to_string_pretty(&report)? + "\n"))?;
+    work.progress.say(&format!("done: the report is in {}", arguments.out.join("report.md").display()));
     if arguments.json {
         let mut stdout = std::io::stdout().lock();
         serde_json::to_writer(&mut stdout, &report)?;
@@ -85,11 +115,14 @@ fn learn(
     options: &Options,
     plan: &Plan,
     work: &mut Work<'_>,
-) -> anyhow::Result<Results> {
+) -> anyhow::Result<(Results, Vec<Sweep>)> {
     let choices: Vec<_> = options.methods.iter().map(|&method| (method, choice::choose(work, method))).collect();
     let lines = |seed| choices.iter().map(move |(method, choice)| (*method, seed, choice.strength));
     let all: Vec<_> = options.seeds.iter().flat_map(|&seed| lines(seed)).collect();
     let stages: Vec<_> = all.iter().flat_map(|&(method, seed, strength)| work.stages(method, seed, strength)).collect();
+    let swept = !arguments.no_figures && !arguments.no_sweep;
+    let sweep = choices.iter().filter(|_| swept).flat_map(|(method, choice)| sweep::stages(work, *method, choice));
+    let stages: Vec<_> = stages.into_iter().chain(sweep).collect();
     work.survey(&stages);
     let runs = Runs::of(plan);
     let mut learnt: Vec<_> = choices.iter().map(|_| Vec::new()).collect();
@@ -98,14 +131,17 @@ fn learn(
             learnt[place].push(work.line(&work.stages(method, seed, choice.strength))?);
         }
     }
-    work.progress.end();
     let methods = choices.into_iter().zip(learnt).map(|((method, choice), seeds)| {
         let of_one = work.stages(method, options.seeds[0], choice.strength);
         let trained = of_one.iter().map(|stage| work.trained(stage)).sum();
         Learnt::new(method, choice, seeds, trained, &runs)
     });
+    let methods: Vec<_> = methods.collect();
+    let sweeps = methods.iter().filter(|learnt| swept && learnt.method.consolidates());
+    let sweeps = sweeps.map(|learnt| sweep::sweep(work, learnt)).collect::<anyhow::Result<_>>()?;
+    work.progress.end();
     let references = if arguments.no_references { Vec::new() } else { references::references(work, &runs)? };
-    Ok(Results::new(methods.collect(), references, plan, &runs, arguments.resamples))
+    Ok((Results::new(methods, references, plan, &runs, arguments.resamples), sweeps))
 }
 
 /// Whole or not at all.

@@ -27,6 +27,8 @@ pub(super) struct Task {
     pub(super) test: Vec<Event>,
     /// Of each test event.
     pub(super) test_runs: Vec<String>,
+    /// Of each test event.
+    pub(super) test_ids: Vec<String>,
 }
 
 /// What a reader needs to know about the data.
@@ -163,6 +165,7 @@ impl Kept {
                 validation: events(Split::Validation),
                 test: events(Split::Test),
                 test_runs: test.iter().map(|&at| of[at].run.clone()).collect(),
+                test_ids: test.iter().map(|&at| of[at].event_id.clone()).collect(),
             }
         };
         self.tasks.names.iter().enumerate().map(task).collect()

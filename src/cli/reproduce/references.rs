@@ -40,10 +40,9 @@ fn reference(work: &Work<'_>, runs: &Runs, kind: ReferenceKind) -> anyhow::Resul
         let (values, errors) = each.unzip();
         Ok(Calibrated { values, errors })
     })?;
-    let named = |values: &Vec<f64>| kind.with(values).named_values().collect();
     Ok(Reference {
         name: kind.as_str().to_owned(),
         tally: Tally::new(&[vec![&calibrated.errors[..]]], &runs.of),
-        parameters: calibrated.values.iter().map(named).collect(),
+        drivers: calibrated.values.iter().map(|values| kind.with(values)).collect(),
     })
 }

@@ -9,6 +9,8 @@ use sha2::{Digest, Sha256};
 use super::arguments::{Options, ReproduceArguments, Strength};
 use super::plan::Told;
 use super::results::{Estimate, LEVEL, Learnt, Matrix, Reference, Results};
+use super::safety::Assessed;
+use super::sweep::Sweep;
 use crate::consolidation::{Method, default_strength};
 use crate::protocol::{Measure, Measures, Tally};
 
@@ -24,10 +26,16 @@ pub(super) struct Report {
     methods: BTreeMap<&'static str, MethodReport>,
     references: BTreeMap<String, ReferenceReport>,
     comparisons: Vec<Comparison>,
+    /// Hard scenarios and a platoon.
+    pub(super) safety: Vec<Assessed>,
+    /// Errors after stage 2 over λ, by method.
+    lambda_sweep: BTreeMap<&'static str, Vec<SweepPoint>>,
     confidence: Confidence,
     protocol: Protocol,
     version: &'static str,
     kernel: String,
+    /// That this call took.
+    pub(super) seconds: f64,
 }
 
 /// Three R, stages × tasks.
@@ -119,6 +127,13 @@ struct Comparison {
     interval: Option<[f64; 2]>,
 }
 
+/// Of each task.
+#[derive(Debug, Serialize)]
+struct SweepPoint {
+    lambda: f64,
+    spacing_mse: Vec<f64>,
+}
+
 #[derive(Debug, Serialize)]
 struct Confidence {
     level: f64,
@@ -140,9 +155,18 @@ impl From<Estimate> for EstimateReport {
 }
 
 impl Report {
-    pub(super) fn new(arguments: &ReproduceArguments, options: &Options, told: &Told, results: &Results) -> Self {
+    pub(super) fn new(
+        arguments: &ReproduceArguments,
+        options: &Options,
+        told: &Told,
+        results: &Results,
+        sweeps: &[Sweep],
+        safety: Vec<Assessed>,
+    ) -> Self {
         let methods = results.methods.iter();
         Self {
+            safety,
+            lambda_sweep: sweeps.iter().map(|sweep| (sweep.method.as_str(), points(sweep))).collect(),
             events: told.events,
             split_mps: told.split_mps.clone(),
             seeds: options.seeds.clone(),
@@ -159,6 +183,7 @@ impl Report {
             protocol: Protocol { steps: arguments.steps, told: told.clone() },
             version: env!("CARGO_PKG_VERSION"),
             kernel: crate::lstm::kernel_name().to_owned(),
+            seconds: 0.0,
         }
     }
 }
@@ -255,9 +280,15 @@ fn references(results: &Results) -> BTreeMap<String, ReferenceReport> {
         speed_mse: row(&reference.tally, Measure::Speed),
         collision_rate_percent: row(&reference.tally, Measure::Collisions),
         mean_interval: results.last_mean(&reference.tally, Measure::Spacing).interval,
-        parameters: reference.parameters.clone(),
+        parameters: reference.drivers.iter().map(|driver| driver.named_values().collect()).collect(),
     };
     results.references.iter().map(|reference| (reference.name.clone(), report(reference))).collect()
+}
+
+fn points(sweep: &Sweep) -> Vec<SweepPoint> {
+    let point =
+        |point: &super::sweep::Point| SweepPoint { lambda: point.lambda, spacing_mse: point.spacing_mse.clone() };
+    sweep.points.iter().map(point).collect()
 }
 
 /// Every method with every model named before it, and with every reference.

@@ -9,6 +9,7 @@ use super::state::StoredStage;
 use crate::consolidation::Method;
 use crate::evaluation::Errors;
 use crate::protocol::{Bootstrap, Draw, Measure, Measures, Tally};
+use crate::reference::ReferenceDriver;
 
 /// Level of the confidence intervals.
 pub(super) const LEVEL: f64 = 0.95;
@@ -35,8 +36,8 @@ pub(super) struct Learnt {
 /// A driver that was calibrated and not learned.
 pub(super) struct Reference {
     pub(super) name: String,
-    /// Of each task.
-    pub(super) parameters: Vec<BTreeMap<&'static str, f64>>,
+    /// As calibrated for each task.
+    pub(super) drivers: Vec<ReferenceDriver>,
     pub(super) tally: Tally,
 }
 
