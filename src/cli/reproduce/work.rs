@@ -285,10 +285,16 @@ impl Stage {
     /// For a person.
     fn words(&self, plan: &Plan) -> String {
         let (method, seed) = (self.method.as_str(), self.seed);
-        match self.method {
-            Method::Joint => format!("{method}, seed {seed}, all tasks at once"),
-            _ => format!("{method}, seed {seed}, stage {}: {}", self.number, plan.tasks[self.number as usize - 1].name),
+        if self.method == Method::Joint {
+            return format!("{method}, seed {seed}, all tasks at once");
         }
+        let strength = match self.strength {
+            Strength::Auto => String::new(),
+            Strength::Fixed(strength) => format!(", strength {strength}"),
+            Strength::Lambda(lambda) => format!(", λ {lambda}"),
+        };
+        let task = &plan.tasks[self.number as usize - 1].name;
+        format!("{method}{strength}, seed {seed}, stage {}: {task}", self.number)
     }
 }
 

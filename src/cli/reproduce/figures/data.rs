@@ -2,9 +2,10 @@
 
 use super::palette;
 use super::panel::{Axis, Panel, legend};
-use super::svg::Svg;
+use super::svg::{Stroke, Svg};
 use crate::car_following::Event;
-use crate::cli::reproduce::plan::Plan;
+use crate::cli::reproduce::plan::{Plan, Task};
+use crate::protocol::quantile;
 
 /// Bins of a density.
 const BINS: usize = 60;
@@ -45,20 +46,19 @@ pub(super) fn shift(plan: &Plan) -> String {
             panel.curve(&mut svg, curve, palette::task(task));
         }
     }
-    legend(&mut svg, (75.0, 30.0), &entries(plan, " (training events)"));
+    legend(&mut svg, (75.0, 30.0), &entries(plan));
     svg.finish()
 }
 
 /// (b) Mean speeds of the events of each task.
 pub(super) fn speeds(plan: &Plan) -> String {
     let mut svg = Svg::new(760.0, 360.0);
-    let all = |task: &crate::cli::reproduce::plan::Task| {
+    let all = |task: &Task| {
         let sides = [&task.train, &task.validation, &task.test];
         sides.into_iter().flatten().map(Event::mean_speed_mps).collect::<Vec<_>>()
     };
     let values: Vec<Vec<f64>> = plan.tasks.iter().map(all).collect();
     let (low, high) = values.iter().flatten().fold((f64::INFINITY, 0.0_f64), |(l, h), &x| (l.min(x), h.max(x)));
-    let events: usize = values.iter().map(Vec::len).sum();
     // In events per m/s, so that the areas of the tasks are their sizes.
     let curves: Vec<Vec<_>> = values
         .iter()
@@ -76,17 +76,12 @@ pub(super) fn speeds(plan: &Plan) -> String {
     for (task, curve) in curves.iter().enumerate() {
         panel.curve(&mut svg, curve, palette::task(task));
     }
-    legend(&mut svg, (75.0, 30.0), &entries(plan, &format!(" (of {events} events)")));
+    legend(&mut svg, (75.0, 30.0), &entries(plan));
     svg.finish()
 }
 
-fn entries(plan: &Plan, of: &str) -> Vec<(String, super::svg::Stroke)> {
-    let mut entries: Vec<_> =
-        plan.tasks.iter().enumerate().map(|(place, task)| (task.name.clone(), palette::task(place))).collect();
-    if let Some((name, _)) = entries.last_mut() {
-        name.push_str(of);
-    }
-    entries
+fn entries(plan: &Plan) -> Vec<(String, Stroke)> {
+    plan.tasks.iter().enumerate().map(|(place, task)| (task.name.clone(), palette::task(place))).collect()
 }
 
 fn of_all(events: &[Event], feature: Feature) -> Vec<f64> {
@@ -97,7 +92,7 @@ fn of_all(events: &[Event], feature: Feature) -> Vec<f64> {
 fn bulk(values: &[Vec<f64>]) -> (f64, f64) {
     let mut all: Vec<f64> = values.iter().flatten().copied().collect();
     all.sort_by(f64::total_cmp);
-    let (low, high) = (crate::protocol::quantile(&all, TAIL), crate::protocol::quantile(&all, 1.0 - TAIL));
+    let (low, high) = (quantile(&all, TAIL), quantile(&all, 1.0 - TAIL));
     if high > low { (low, high) } else { (low - 0.5, low + 0.5) }
 }
 

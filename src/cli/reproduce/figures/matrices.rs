@@ -4,7 +4,8 @@ use super::palette;
 use super::panel::{Axis, Panel, legend};
 use super::svg::{Anchor, Stroke, Svg};
 use crate::cli::reproduce::plan::Plan;
-use crate::cli::reproduce::results::Results;
+use crate::cli::reproduce::results::{Learnt, Results};
+use crate::consolidation::Method;
 use crate::protocol::Measure;
 
 const CELL: (f64, f64) = (74.0, 40.0);
@@ -66,19 +67,19 @@ pub(super) fn forgetting(plan: &Plan, results: &Results) -> String {
     let mut svg = Svg::new(60.0 + 330.0 * columns as f64, 70.0 + 300.0 * rows as f64);
     let learnt: Vec<_> = results.methods.iter().filter(|learnt| learnt.tally.stages() == tasks).collect();
     for task in 0..shown {
-        let curve = |learnt: &&&crate::cli::reproduce::results::Learnt| {
+        let curve = |learnt: &&Learnt| {
             let matrix = results.matrix(&learnt.tally, Measure::Spacing);
             (task..tasks).map(|stage| (stage as f64 + 1.0, matrix[stage][task])).collect::<Vec<_>>()
         };
-        let curves: Vec<_> = learnt.iter().map(|learnt| (learnt.method.as_str(), curve(&learnt))).collect();
-        let joint = results.method(crate::consolidation::Method::Joint);
+        let curves: Vec<_> = learnt.iter().map(|learnt| (learnt.method.as_str(), curve(learnt))).collect();
+        let joint = results.method(Method::Joint);
         let joint = joint.map(|joint| results.matrix(&joint.tally, Measure::Spacing)[0][task]);
         let panel = Panel {
             left: 75.0 + 330.0 * (task % COLUMNS) as f64,
             top: 75.0 + 300.0 * (task / COLUMNS) as f64,
             width: 240.0,
             height: 195.0,
-            x: Axis::linear("stage", [1.0, tasks as f64]),
+            x: Axis::whole("stage", [1.0, tasks as f64]),
             y: Axis::from_zero(
                 "spacing error, m²",
                 curves.iter().flat_map(|(_, c)| c.iter().map(|p| p.1)).chain(joint),

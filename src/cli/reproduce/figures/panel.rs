@@ -13,17 +13,26 @@ const MOST_TICKS: f64 = 6.0;
 pub(super) struct Axis {
     low: f64,
     high: f64,
-    logarithmic: bool,
+    /// From tick to tick; none on a logarithmic axis.
+    step: Option<f64>,
     label: String,
 }
 
 impl Axis {
     /// From the least to the greatest of these.
     pub(super) fn linear(label: &str, values: impl IntoIterator<Item = f64>) -> Self {
-        let (low, high) = range(values);
-        let step = step(high - low);
+        Self::stepped(label, range(values), 0.0)
+    }
+
+    /// Likewise with ticks at whole numbers alone.
+    pub(super) fn whole(label: &str, values: impl IntoIterator<Item = f64>) -> Self {
+        Self::stepped(label, range(values), 1.0)
+    }
+
+    fn stepped(label: &str, (low, high): (f64, f64), least_step: f64) -> Self {
+        let step = step(high - low).max(least_step);
         let (low, high) = ((low / step).floor() * step, (high / step).ceil() * step);
-        Self { low, high: if high > low { high } else { low + 1.0 }, logarithmic: false, label: label.to_owned() }
+        Self { low, high: if high > low { high } else { low + step }, step: Some(step), label: label.to_owned() }
     }
 
     /// The same from 0 on.
@@ -35,17 +44,16 @@ impl Axis {
     pub(super) fn logarithmic(label: &str, values: impl IntoIterator<Item = f64>) -> Self {
         let (low, high) = range(values.into_iter().filter(|&x| x > 0.0));
         let (low, high) = if low > 0.0 { (low / 1.1, high * 1.1) } else { (0.1, 10.0) };
-        Self { low, high, logarithmic: true, label: label.to_owned() }
+        Self { low, high, step: None, label: label.to_owned() }
     }
 
     fn share(&self, value: f64) -> f64 {
-        let scale = |x: f64| if self.logarithmic { x.max(self.low).log10() } else { x };
+        let scale = |x: f64| if self.step.is_none() { x.max(self.low).log10() } else { x };
         (scale(value) - scale(self.low)) / (scale(self.high) - scale(self.low))
     }
 
     fn ticks(&self) -> Vec<(f64, String)> {
-        if !self.logarithmic {
-            let step = step(self.high - self.low);
+        if let Some(step) = self.step {
             let count = ((self.high - self.low) / step).round() as usize;
             let digits = (-step.log10().floor()).max(0.0) as usize;
             let at = |k: usize| self.low + k as f64 * step;
@@ -69,13 +77,14 @@ fn range(values: impl IntoIterator<Item = f64>) -> (f64, f64) {
 
 /// 1, 2 or 5 times a power of ten, so that an axis has few ticks.
 fn step(length: f64) -> f64 {
-    let raw = (length / MOST_TICKS).max(1e-12);
+    // One number alone has an axis too.
+    let raw = if length > 0.0 { length / MOST_TICKS } else { 1.0 };
     let power = 10_f64.powf(raw.log10().floor());
     [1.0, 2.0, 5.0, 10.0].into_iter().map(|factor| factor * power).find(|&step| step >= raw).unwrap_or(10.0 * power)
 }
 
 fn plain(value: f64) -> String {
-    if (1e-3..1e5).contains(&value) { format!("{value}") } else { format!("{value:e}") }
+    if (1e-3..1e4).contains(&value) { format!("{value}") } else { format!("{value:e}") }
 }
 
 /// A frame with axes, and what is drawn in it.
@@ -142,8 +151,10 @@ mod tests {
     fn ticks_are_round_numbers_around_the_data() {
         assert_eq!(labels(&Axis::linear("", [3.2, 17.9])), ["0", "5", "10", "15", "20"]);
         assert_eq!(labels(&Axis::from_zero("", [0.23])), ["0.00", "0.05", "0.10", "0.15", "0.20", "0.25"]);
-        assert_eq!(labels(&Axis::logarithmic("", [0.5, 2e4])), ["1", "10", "100", "1000", "10000"]);
+        assert_eq!(labels(&Axis::logarithmic("", [0.5, 2e4])), ["1", "10", "100", "1000", "1e4"]);
         assert_eq!(labels(&Axis::logarithmic("", [9.0, 30.0])), ["10", "20"]);
+        assert_eq!(labels(&Axis::linear("", [11.7, 22.3])), ["10", "12", "14", "16", "18", "20", "22", "24"]);
+        assert_eq!(labels(&Axis::whole("", [1.0, 3.0])), ["1", "2", "3"]);
         assert_eq!(labels(&Axis::linear("", [4.0])).len(), 2, "one number has an axis too");
         assert_eq!(labels(&Axis::linear("", [f64::NAN])).first().map(String::as_str), Some("0.0"));
     }

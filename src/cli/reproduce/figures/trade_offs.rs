@@ -4,7 +4,7 @@ use super::palette;
 use super::panel::{Axis, Panel, legend};
 use super::svg::{Anchor, Stroke, Svg};
 use crate::cli::reproduce::plan::Plan;
-use crate::cli::reproduce::results::Results;
+use crate::cli::reproduce::results::{Learnt, Results};
 use crate::cli::reproduce::sweep::Sweep;
 
 /// (e) After stage 2, the error on both tasks over λ; and one against the other.
@@ -56,17 +56,23 @@ pub(super) fn over_lambda(plan: &Plan, sweeps: &[Sweep]) -> String {
         .enumerate()
         .map(|(task, name)| (format!("{name} ({})", ["old", "new"][task]), palette::task(task)));
     let methods = sweeps.iter().map(|sweep| (sweep.method.as_str().to_owned(), palette::model(sweep.method.as_str())));
-    legend(&mut svg, (75.0, 30.0), &tasks.chain(methods).collect::<Vec<_>>());
+    legend(&mut svg, (75.0, 30.0), &tasks.collect::<Vec<_>>());
+    legend(&mut svg, (panel.left, 30.0), &methods.collect::<Vec<_>>());
     svg.finish()
 }
 
 /// (e) Over the updates of each stage after the first: the error on the task that is learned and on those learned before,
 /// on some test events, first seed. Old tasks dip when a stage begins and recover: the stability gap.
 pub(super) fn over_updates(plan: &Plan, results: &Results) -> String {
-    let learnt: Vec<_> = results.methods.iter().filter(|learnt| learnt.tally.stages() == plan.tasks.len()).collect();
+    let in_turn: Vec<&Learnt> =
+        results.methods.iter().filter(|learnt| learnt.tally.stages() == plan.tasks.len()).collect();
     let stages = plan.tasks.len() - 1;
-    let mut svg = Svg::new(60.0 + 340.0 * stages as f64, 70.0 + 265.0 * learnt.len() as f64);
-    for (row, learnt) in learnt.iter().enumerate() {
+    let errors = |learnt: &Learnt, stage: usize| {
+        let points = learnt.seeds[0][stage].trace.iter();
+        points.flat_map(|point| point.spacing_mse[..=stage].to_vec()).collect::<Vec<_>>()
+    };
+    let mut svg = Svg::new(60.0 + 340.0 * stages as f64, 70.0 + 265.0 * in_turn.len() as f64);
+    for (row, learnt) in in_turn.iter().enumerate() {
         for stage in 1..=stages {
             let trace = &learnt.seeds[0][stage].trace;
             let seen = 0..=stage;
@@ -76,10 +82,8 @@ pub(super) fn over_updates(plan: &Plan, results: &Results) -> String {
                 width: 250.0,
                 height: 165.0,
                 x: Axis::from_zero("update", trace.iter().map(|point| point.update as f64)),
-                y: Axis::logarithmic(
-                    "spacing error, m²",
-                    trace.iter().flat_map(|point| point.spacing_mse[seen.clone()].iter().copied()),
-                ),
+                // One scale for all methods, so that the panels of a stage can be compared.
+                y: Axis::from_zero("spacing error, m²", in_turn.iter().flat_map(|learnt| errors(learnt, stage))),
             };
             panel.frame(&mut svg, &format!("{}: learning {}", learnt.method.as_str(), plan.tasks[stage].name));
             for task in seen {
@@ -92,7 +96,7 @@ pub(super) fn over_updates(plan: &Plan, results: &Results) -> String {
     let entries: Vec<_> =
         plan.tasks.iter().enumerate().map(|(task, of)| (of.name.clone(), palette::task(task))).collect();
     legend(&mut svg, (75.0, 30.0), &entries);
-    if learnt.is_empty() {
+    if in_turn.is_empty() {
         svg.text((75.0, 60.0), 12.0, Anchor::Start, "#333", "no method learns in turn");
     }
     svg.finish()
