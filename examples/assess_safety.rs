@@ -111,7 +111,8 @@ fn learn(
     let mut stages: Vec<(&str, Vec<Event>)> =
         tasks.iter().map(|(name, task)| (name.as_str(), task.train.clone())).collect();
     // The joint model is scaled by the first task, as a line of tasks is.
-    let scaling = Scaling::estimate(&stages.first().ok_or("no event is in the splits")?.1.iter().collect::<Vec<_>>());
+    let first: Vec<&Event> = stages.first().ok_or("no event is in the splits")?.1.iter().collect();
+    let scaling = Scaling::estimate(settings.shape, &first);
     if method == Method::Joint {
         stages = vec![("all", stages.into_iter().flat_map(|(_, train)| train).collect())];
     }

@@ -57,6 +57,21 @@ impl Event {
         &self.leader_speed_mps
     }
 
+    /// What is left of the event from step `from` on.
+    ///
+    /// # Panics
+    /// When the event has fewer steps.
+    #[must_use]
+    pub fn after(&self, from: usize) -> Self {
+        let cut = |values: &[f32]| values[from..].to_vec();
+        Self {
+            dt_s: self.dt_s,
+            spacing_m: cut(&self.spacing_m),
+            follower_speed_mps: cut(&self.follower_speed_mps),
+            leader_speed_mps: cut(&self.leader_speed_mps),
+        }
+    }
+
     /// Mean follower speed over all steps, m/s.
     #[must_use]
     pub fn mean_speed_mps(&self) -> f64 {

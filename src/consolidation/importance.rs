@@ -3,7 +3,7 @@
 use super::seeds::Scalars;
 use super::{Estimator, ImportanceOptions, Kept, Output, exact, sampled};
 use crate::car_following::Event;
-use crate::driver::{Crew, Drive, Scaling};
+use crate::driver::{Crew, Drive, Memory, Scaling};
 use crate::lstm::Real;
 
 /// Events between two looks at whether to go on; a multiple of every size of piece.
@@ -19,7 +19,8 @@ const LOOKED_AT_TOGETHER: usize = 64;
 ///
 /// Every output's own gradient counts, so the result does not depend on how the events came in batches; `events` must be in
 /// an order of their own (that of their digests) for equal bits. Exact importance costs about two epochs over the open loop,
-/// and over the closed loop a drive for every output: as many epochs as two events have steps. Sampled, it costs an epoch
+/// and over the closed loop, or with a carried
+/// state, a drive for every output: as many epochs as two events have steps. Sampled, it costs an epoch
 /// of minibatches of one for each draw.
 ///
 /// Returns the importance and M; none when `go_on`, asked on the way, says no.
@@ -38,8 +39,10 @@ pub fn importance<T: Real>(
         let wide = |sums: Vec<T>| sums.into_iter().map(T::wide).collect();
         match (options.estimator, options.output) {
             (Estimator::Sampled, _) => sampled::sampled(drive, scalars, kept, options.draws, weights, scaling, piece),
-            (_, Output::OpenLoop) => wide(exact::open_loop(drive, scalars, kept, weights, scaling, piece)),
-            (_, Output::ClosedLoop) => wide(exact::one_by_one(drive, scalars, kept, weights, scaling, piece)),
+            (_, Output::OpenLoop) if shape.memory == Memory::Window => {
+                wide(exact::open_loop(drive, scalars, kept, weights, scaling, piece))
+            }
+            _ => wide(exact::one_by_one(drive, scalars, kept, weights, scaling, piece)),
         }
     };
     let mut sorted = events.to_vec();
@@ -68,7 +71,7 @@ mod tests {
     use super::*;
     use crate::car_following::{TrafficRegime, TrafficSettings, generate};
     use crate::driver::{DriverShape, Loop};
-    use crate::lstm::{Layout, Magnitude, initial_weights};
+    use crate::lstm::{INPUTS, Layout, Magnitude, initial_weights};
 
     /// Every piece kept until the end and then added up: what takes memory that grows with the events.
     fn piece_by_piece(shape: DriverShape, scaling: &Scaling, weights: &[f32], events: &[&Event]) -> Vec<f64> {
@@ -96,7 +99,7 @@ mod tests {
         mas_output: MasOutput::Jacobian,
         draws: 1,
     };
-    const SHAPE: DriverShape = DriverShape { hidden: 4, horizon: 5, dt_s: 0.1, accel_limit_mps2: 4.0 };
+    const SHAPE: DriverShape = DriverShape { hidden: 4, horizon: 5, accel_limit_mps2: 4.0, ..DriverShape::PAPER };
 
     fn traffic(count: usize) -> Vec<Event> {
         let lengths = TrafficSettings { min_steps: 40, max_steps: 60, ..TrafficSettings::default() };
@@ -107,8 +110,8 @@ mod tests {
     fn adding_up_on_the_way_changes_no_bit() {
         let events = traffic(500);
         let events: Vec<_> = events.iter().collect();
-        let scaling = Scaling::estimate(&events);
-        let weights = initial_weights(Layout { hidden: 4 }, 1);
+        let scaling = Scaling::estimate(SHAPE, &events);
+        let weights = initial_weights(Layout { hidden: 4, inputs: INPUTS }, 1);
         let expected = piece_by_piece(SHAPE, &scaling, &weights, &events);
         for threads in [1, 3] {
             let workers = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
@@ -124,13 +127,13 @@ mod tests {
         let events: Vec<_> = events.iter().collect();
         let workers = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
         let crew = Crew::<f32>::new(SHAPE, &workers);
-        let weights = initial_weights(Layout { hidden: 4 }, 1);
+        let weights = initial_weights(Layout { hidden: 4, inputs: INPUTS }, 1);
         let mut asked = 0;
         let mut until_the_third = || {
             asked += 1;
             asked < 3
         };
-        let scaling = Scaling::estimate(&events);
+        let scaling = Scaling::estimate(SHAPE, &events);
         let stopped = importance(Kept::Fisher, EXACT, &crew, &scaling, &weights, &events, &mut until_the_third);
         assert_eq!((stopped, asked), (None, 3));
     }

@@ -101,7 +101,7 @@ mod tests {
 
     #[test]
     fn results_come_in_order_and_few_of_them_wait() {
-        let shape = DriverShape { hidden: 1, horizon: 2, dt_s: 0.1, accel_limit_mps2: 1.0 };
+        let shape = DriverShape { hidden: 1, horizon: 2, accel_limit_mps2: 1.0, ..DriverShape::PAPER };
         let events: Vec<_> = (0..1000).map(|i| event(2000 - i)).collect();
         let borrowed: Vec<_> = events.iter().collect();
         for threads in [1, 3] {

@@ -1,8 +1,9 @@
 //! Several events driven at once, forward and backward through the whole loop.
 
-use super::{DriverShape, Scaling};
+use super::features::Sight;
+use super::{DriverShape, Memory, Scaling};
 use crate::car_following::Event;
-use crate::lstm::{INPUTS, Layout, Overlap, Real};
+use crate::lstm::{Overlap, Passes, Real};
 use crate::safety::{Cause, Envelope};
 
 /// Whether the network reads its own simulation or the recording.
@@ -22,7 +23,7 @@ pub struct Drive<T> {
     shape: DriverShape,
     /// What bounds the network's acceleration; only forward drives may be bounded.
     envelope: Option<Envelope>,
-    overlap: Overlap<T>,
+    passes: Passes<T>,
     events: usize,
     /// Steps of each event.
     steps: Vec<usize>,
@@ -37,6 +38,8 @@ pub struct Drive<T> {
     held: Vec<u32>,
     inputs: Vec<T>,
     outputs: Vec<T>,
+    by_inputs: Vec<T>,
+    by_earlier: Vec<T>,
 }
 
 /// Derivatives of a scalar by every simulated spacing and speed, laid out as [`Drive`]'s trajectories.
@@ -55,7 +58,10 @@ impl<T: Real> Drive<T> {
         Self {
             shape,
             envelope: None,
-            overlap: Overlap::new(Layout { hidden: shape.hidden }),
+            passes: match shape.memory {
+                Memory::Window => Passes::windows(shape.layout()),
+                Memory::Carried => Passes::carried(shape.layout()),
+            },
             events: 0,
             steps: Vec::new(),
             leader: Vec::new(),
@@ -66,6 +72,8 @@ impl<T: Real> Drive<T> {
             held: Vec::new(),
             inputs: Vec::new(),
             outputs: Vec::new(),
+            by_inputs: Vec::new(),
+            by_earlier: Vec::new(),
         }
     }
 
@@ -127,24 +135,36 @@ impl<T: Real> Drive<T> {
         self.load(events);
         let horizon = self.shape.horizon;
         let input_steps: Vec<usize> = self.steps.iter().map(|steps| steps - 1).collect();
-        self.overlap.begin(horizon, &input_steps);
-        let (mean, spread) = (scaling.mean.map(|x| T::of(x.into())), scaling.spread.map(|x| T::of(x.into())));
-        for t in 0..self.overlap.steps() {
+        self.passes.begin(horizon, &input_steps);
+        let (mean, spread) = scaling.all::<T>();
+        for t in 0..self.passes.steps() {
             self.inputs.clear();
-            for n in 0..self.overlap.events(t) {
-                let at = t * self.events + n;
-                let (v, s) = if which == Loop::Open && t >= horizon {
-                    recorded(events[n], t)
-                } else {
-                    (self.speed[at], self.spacing[at])
-                };
-                let x = [v, self.leader[at], self.leader[at] - v, s];
-                self.inputs.extend((0..INPUTS).map(|k| (x[k] - mean[k]) / spread[k]));
+            for n in 0..self.passes.events(t) {
+                let x = self.shape.features.of(&self.sight(t, n, events, which));
+                self.inputs.extend((0..self.shape.features.inputs()).map(|k| (x[k] - mean[k]) / spread[k]));
             }
-            let outputs = self.overlap.forward(weights, t, &self.inputs);
+            let outputs = self.passes.forward(weights, t, &self.inputs);
             self.outputs.clear();
             self.outputs.extend(outputs.iter().map(|y| y.fast_tanh()));
             self.integrate(t, events, which);
+        }
+    }
+
+    /// What the network sees of step `t` of event `n`, whose earlier steps are driven.
+    fn sight(&self, t: usize, n: usize, events: &[&Event], which: Loop) -> Sight<T> {
+        let state = |t: usize| {
+            let at = t * self.events + n;
+            if which == Loop::Open { recorded(events[n], t) } else { (self.speed[at], self.spacing[at]) }
+        };
+        let back = t.min(self.shape.reach());
+        let (speed, spacing) = state(t);
+        let leader = |t: usize| self.leader[t * self.events + n];
+        Sight {
+            speed,
+            leader: leader(t),
+            spacing,
+            earlier: (state(t - back).0, leader(t - back)),
+            elapsed_s: T::of(back as f64 * f64::from(self.shape.dt_s)),
         }
     }
 
@@ -201,18 +221,22 @@ impl<T: Real> Drive<T> {
     }
 
     /// Adds to `gradient` the derivative by every weight of a scalar whose derivative by the simulated trajectory is `by`,
-    /// through the integrator and through every window that a simulated state appears in. After [`Loop::Closed`] only, and not within an envelope.
+    /// through the integrator and through every step that the network read a simulated state at. After [`Loop::Closed`] only,
+    /// and not within an envelope.
     pub fn backward(&mut self, weights: &[T], scaling: &Scaling, by: &TrajectoryGradient<T>, gradient: &mut [T]) {
         let dt = T::of(f64::from(self.shape.dt_s));
         let limit = T::of(f64::from(self.shape.accel_limit_mps2));
         let half_dt = T::of(0.5) * dt;
-        let spread = scaling.spread.map(|x| T::of(x.into()));
-        let horizon = self.shape.horizon;
+        let (horizon, features) = (self.shape.horizon, self.shape.features);
+        let (_, spread) = scaling.all::<T>();
         // Derivatives by the state at step t + 1, then at step t.
         let (mut d_spacing, mut d_speed) = (vec![T::zero(); self.events], vec![T::zero(); self.events]);
-        for t in (0..self.overlap.steps()).rev() {
+        // By the speeds that accelerations were measured from; those of step t lie at t · events.
+        self.by_earlier.clear();
+        self.by_earlier.resize(self.speed.len(), T::zero());
+        for t in (0..self.passes.steps()).rev() {
             self.outputs.clear();
-            for n in 0..self.overlap.answering(t) {
+            for n in 0..self.passes.answering(t) {
                 let next = (t + 1) * self.events + n;
                 d_spacing[n] += by.spacing[next];
                 // s[t+1] depends on v[t+1], which depends on a[t].
@@ -221,15 +245,25 @@ impl<T: Real> Drive<T> {
                 let u = self.squashed[next];
                 self.outputs.push(dt * through * limit * (T::one() - u * u));
             }
-            let dx = self.overlap.backward(weights, t, &self.outputs, gradient);
-            if t >= horizon {
-                for (n, dx) in dx.chunks_exact(INPUTS).enumerate() {
-                    d_speed[n] += dx[0] / spread[0] - dx[2] / spread[2];
-                    d_spacing[n] += dx[3] / spread[3];
+            self.by_inputs.clear();
+            self.by_inputs.extend_from_slice(self.passes.backward(weights, t, &self.outputs, gradient));
+            if t < horizon {
+                continue;
+            }
+            let back = t.min(self.shape.reach());
+            for n in 0..self.passes.events(t) {
+                let dx = &mut self.by_inputs[n * features.inputs()..(n + 1) * features.inputs()];
+                for (dx, spread) in dx.iter_mut().zip(spread) {
+                    *dx /= spread;
                 }
+                let dx = &self.by_inputs[n * features.inputs()..(n + 1) * features.inputs()];
+                let by_sight = features.back(&self.sight(t, n, &[], Loop::Closed), dx);
+                d_speed[n] += by_sight.speed + self.by_earlier[t * self.events + n];
+                d_spacing[n] += by_sight.spacing;
+                self.by_earlier[(t - back) * self.events + n] += by_sight.earlier_speed;
             }
         }
-        self.overlap.finish(gradient);
+        self.passes.finish(gradient);
     }
 
     /// Goes back from each open-loop acceleration on its own: `seed(t, n, a)` is the derivative of that step's scalar by the
@@ -244,25 +278,31 @@ impl<T: Real> Drive<T> {
     /// own gradients are not looked at.
     pub fn backward_open_sum(&mut self, weights: &[T], seed: impl Fn(usize, usize, T) -> T, gradient: &mut [T]) {
         self.back_through_open(weights, seed, gradient);
-        self.overlap.finish(gradient);
+        self.passes.finish(gradient);
     }
 
     fn back_through_open(&mut self, weights: &[T], seed: impl Fn(usize, usize, T) -> T, gradient: &mut [T]) {
         let limit = T::of(f64::from(self.shape.accel_limit_mps2));
-        for t in (0..self.overlap.steps()).rev() {
+        for t in (0..self.passes.steps()).rev() {
             self.outputs.clear();
-            for n in 0..self.overlap.answering(t) {
+            for n in 0..self.passes.answering(t) {
                 let u = self.squashed[(t + 1) * self.events + n];
                 self.outputs.push(seed(t + 1, n, limit * u) * limit * (T::one() - u * u));
             }
-            self.overlap.backward(weights, t, &self.outputs, gradient);
+            self.passes.backward(weights, t, &self.outputs, gradient);
         }
     }
 
-    /// The network's passes.
+    /// The passes over windows.
+    ///
+    /// # Panics
+    /// When the network carries one state: then there are none.
     #[must_use]
     pub fn windows(&self) -> &Overlap<T> {
-        &self.overlap
+        match &self.passes {
+            Passes::Windows(overlap) => overlap,
+            Passes::Carried(_) => panic!("a carried state has no windows"),
+        }
     }
 }
 

@@ -1,21 +1,9 @@
 //! A driver ready to serve: fixed weights, plain inputs.
 
-use super::Scaling;
-use crate::lstm::{Encoder, INPUTS, Layout, Real};
+use super::features::{MAX_INPUTS, Sight};
+use super::{DriverShape, Memory, Scaling};
+use crate::lstm::{Encoder, Real};
 use crate::safety::Envelope;
-
-/// What decides how a driver computes, besides its weights.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct DriverShape {
-    /// Hidden units.
-    pub hidden: usize,
-    /// Steps in a window.
-    pub horizon: usize,
-    /// Step, s.
-    pub dt_s: f32,
-    /// The acceleration lies within ± this, m/s².
-    pub accel_limit_mps2: f32,
-}
 
 /// The last `horizon` steps, oldest first.
 #[derive(Debug, Clone, PartialEq)]
@@ -53,7 +41,7 @@ impl Driver {
     /// A driver of these weights; `None` when their number does not fit the shape.
     #[must_use]
     pub fn new(shape: DriverShape, scaling: Scaling, weights: Vec<f32>) -> Option<Self> {
-        Some(Self { shape, scaling, encoder: Encoder::new(Layout { hidden: shape.hidden }, weights)? })
+        Some(Self { shape, scaling, encoder: Encoder::new(shape.layout(), weights)? })
     }
 
     /// Its shape.
@@ -80,61 +68,85 @@ impl Driver {
     /// When a window does not hold `horizon` steps.
     #[must_use]
     pub fn accelerations(&self, windows: &[Window]) -> Vec<f32> {
-        let mut inputs = Vec::with_capacity(windows.len() * self.shape.horizon * INPUTS);
+        let mut inputs = Vec::with_capacity(windows.len() * self.shape.horizon * MAX_INPUTS);
         for window in windows {
-            let steps = [&window.follower_speed_mps, &window.leader_speed_mps, &window.spacing_m];
-            assert!(steps.iter().all(|values| values.len() == self.shape.horizon), "a window holds `horizon` steps");
+            self.check(window);
             for t in 0..self.shape.horizon {
-                let (v, l, s) = (window.follower_speed_mps[t], window.leader_speed_mps[t], window.spacing_m[t]);
-                self.standardise(v, l, s, &mut inputs);
+                self.standardise(window, 0, t, &mut inputs);
             }
         }
         self.squash(self.encoder.head_values(self.shape.horizon, &inputs))
     }
 
     /// Drives on from `initial` behind a leader whose speed is given from the step after the window on: n speeds give n
-    /// steps. Each acceleration is what [`Self::accelerations`] answers for the last `horizon` steps, within the envelope.
-    /// Goes on after a collision.
+    /// steps. The first acceleration is what [`Self::accelerations`] answers for the window, within the envelope; later ones
+    /// what it answers for the last `horizon` steps, or, with [`Memory::Carried`], what the state carried on from the window
+    /// answers. Goes on after a collision.
     ///
     /// # Panics
     /// When the window does not hold `horizon` steps.
     #[must_use]
     pub fn simulate(&self, initial: &Window, leader_speed_mps: &[f32], envelope: Option<Envelope>) -> Simulation {
+        self.check(initial);
         let horizon = self.shape.horizon;
-        let mut follower = initial.follower_speed_mps.clone();
-        let mut leader = initial.leader_speed_mps.clone();
-        let mut spacing = initial.spacing_m.clone();
+        let mut driven = initial.clone();
         let mut accel = Vec::with_capacity(leader_speed_mps.len());
         let mut differing_steps = 0;
-        let mut inputs = Vec::with_capacity(horizon * INPUTS);
-        assert!([&follower, &leader, &spacing].iter().all(|x| x.len() == horizon), "a window holds `horizon` steps");
+        let (mut state, mut encoded) = (self.encoder.state(), 0);
+        let mut inputs = Vec::with_capacity(horizon * MAX_INPUTS);
         for &next_leader in leader_speed_mps {
-            inputs.clear();
-            let now = leader.len() - 1;
-            for t in now + 1 - horizon..=now {
-                self.standardise(follower[t], leader[t], spacing[t], &mut inputs);
+            let now = driven.leader_speed_mps.len() - 1;
+            let begin = match self.shape.memory {
+                Memory::Window => now + 1 - horizon,
+                Memory::Carried => 0,
+            };
+            if self.shape.memory == Memory::Window {
+                (state, encoded) = (self.encoder.state(), begin);
             }
-            let raw = self.squash(self.encoder.head_values(horizon, &inputs))[0];
-            let a = envelope.map_or(raw, |e| e.served_mps2(raw, spacing[now], follower[now], leader[now]));
+            let mut head = 0.0;
+            while encoded <= now {
+                inputs.clear();
+                self.standardise(&driven, begin, encoded, &mut inputs);
+                head = self.encoder.advance(&mut state, &inputs);
+                encoded += 1;
+            }
+            let raw = self.squash(vec![head])[0];
+            let (s, v, l) = (driven.spacing_m[now], driven.follower_speed_mps[now], driven.leader_speed_mps[now]);
+            let a = envelope.map_or(raw, |e| e.served_mps2(raw, s, v, l));
             differing_steps += usize::from(a != raw);
-            let v = follower[now] + self.shape.dt_s * a;
-            let closing = 0.5 * (leader[now] + next_leader) - 0.5 * (follower[now] + v);
-            spacing.push(spacing[now] + self.shape.dt_s * closing);
-            follower.push(v);
-            leader.push(next_leader);
+            let next_v = v + self.shape.dt_s * a;
+            let closing = 0.5 * (l + next_leader) - 0.5 * (v + next_v);
+            driven.spacing_m.push(s + self.shape.dt_s * closing);
+            driven.follower_speed_mps.push(next_v);
+            driven.leader_speed_mps.push(next_leader);
             accel.push(a);
         }
         Simulation {
-            spacing_m: spacing.split_off(horizon),
-            follower_speed_mps: follower.split_off(horizon),
+            spacing_m: driven.spacing_m.split_off(horizon),
+            follower_speed_mps: driven.follower_speed_mps.split_off(horizon),
             accel_mps2: accel,
             differing_steps,
         }
     }
 
-    fn standardise(&self, follower: f32, leader: f32, spacing: f32, inputs: &mut Vec<f32>) {
-        let x = [follower, leader, leader - follower, spacing];
-        inputs.extend((0..INPUTS).map(|k| (x[k] - self.scaling.mean[k]) / self.scaling.spread[k]));
+    fn check(&self, window: &Window) {
+        let steps = [&window.follower_speed_mps, &window.leader_speed_mps, &window.spacing_m];
+        assert!(steps.iter().all(|values| values.len() == self.shape.horizon), "a window holds `horizon` steps");
+    }
+
+    /// The inputs at step `t` of `driven`, for a network that began to read at step `begin`.
+    fn standardise(&self, driven: &Window, begin: usize, t: usize, inputs: &mut Vec<f32>) {
+        let (follower, leader) = (&driven.follower_speed_mps, &driven.leader_speed_mps);
+        let back = (t - begin).min(self.shape.reach());
+        let x = self.shape.features.of(&Sight {
+            speed: follower[t],
+            leader: leader[t],
+            spacing: driven.spacing_m[t],
+            earlier: (follower[t - back], leader[t - back]),
+            elapsed_s: back as f32 * self.shape.dt_s,
+        });
+        let (mean, spread) = self.scaling.all::<f32>();
+        inputs.extend((0..self.shape.features.inputs()).map(|k| (x[k] - mean[k]) / spread[k]));
     }
 
     fn squash(&self, heads: Vec<f32>) -> Vec<f32> {

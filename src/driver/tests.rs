@@ -1,13 +1,19 @@
 //! The gradient against central differences, serving against driving.
 
-use super::{Crew, Drive, Driver, DriverShape, Loop, Scaling, TrajectoryGradient, Window};
+use super::{
+    Crew, Drive, Driver, DriverShape, Features, Loop, Memory, MotionScaling, Scaling, TrajectoryGradient, Window,
+};
 use crate::car_following::Event;
-use crate::lstm::{Layout, Magnitude, initial_weights};
+use crate::lstm::{INPUTS, Layout, Magnitude, initial_weights};
 use crate::safety::Envelope;
 
-const SHAPE: DriverShape = DriverShape { hidden: 5, horizon: 4, dt_s: 0.1, accel_limit_mps2: 2.0 };
+const SHAPE: DriverShape = DriverShape { hidden: 5, horizon: 4, accel_limit_mps2: 2.0, ..DriverShape::PAPER };
+/// The other network: one state, and features of motion.
+const CARRIED: DriverShape = DriverShape { memory: Memory::Carried, features: Features::Motion, ..SHAPE };
 const SCALING: Scaling =
-    Scaling { mean: [8.0, 8.5, 0.3, 14.0], spread: [3.0, 3.5, 1.2, 5.0], low: [0.0; 4], high: [40.0; 4] };
+    Scaling { mean: [8.0, 8.5, 0.3, 14.0], spread: [3.0, 3.5, 1.2, 5.0], low: [0.0; 4], high: [40.0; 4], motion: None };
+const CARRIED_SCALING: Scaling =
+    Scaling { motion: Some(MotionScaling { mean: [0.1, -0.1, 0.02], spread: [0.8, 0.9, 0.15] }), ..SCALING };
 
 fn event(steps: usize, phase: f32) -> Event {
     let t = |i: usize| i as f32 * 0.1 + phase;
@@ -21,10 +27,14 @@ fn event(steps: usize, phase: f32) -> Event {
 
 /// Weights large enough to saturate some accelerations.
 fn weights() -> Vec<f64> {
-    let layout = Layout { hidden: SHAPE.hidden };
+    weights_of(SHAPE)
+}
+
+fn weights_of(shape: DriverShape) -> Vec<f64> {
+    let layout = shape.layout();
     let mut weights: Vec<f64> = initial_weights(layout, 3).into_iter().map(f64::from).collect();
     for w in &mut weights[layout.head()] {
-        *w *= 150.0;
+        *w *= 400.0;
     }
     weights
 }
@@ -48,21 +58,55 @@ fn scalar(drive: &Drive<f64>, events: &[&Event]) -> (f64, TrajectoryGradient<f64
 
 #[test]
 fn the_closed_loop_gradient_agrees_with_central_differences_for_events_of_different_lengths() {
-    let (long, short, shortest) = (event(23, 0.0), event(16, 0.7), event(5, 1.9));
-    let events = [&long, &short, &shortest];
-    let mut drive = Drive::<f64>::new(SHAPE);
-    let mut weights = weights();
-    drive.forward(&weights, &SCALING, &events, Loop::Closed);
-    let saturated = (SHAPE.horizon..23).filter(|&t| drive.accel_mps2(t, 0).abs() > 0.95 * 2.0).count();
-    assert!(saturated > 0, "the case is meant to be hard");
-    let (_, by) = scalar(&drive, &events);
+    agrees_with_central_differences(SHAPE, &SCALING);
+}
+
+#[test]
+fn so_does_the_gradient_along_a_carried_state_and_through_features_of_motion() {
+    agrees_with_central_differences(CARRIED, &CARRIED_SCALING);
+    agrees_with_central_differences(DriverShape { features: Features::Raw, ..CARRIED }, &SCALING);
+}
+
+#[test]
+fn the_open_loop_gradient_along_a_carried_state_agrees_with_central_differences() {
+    let (long, short) = (event(14, 0.0), event(9, 0.7));
+    let events = [&long, &short];
+    let mut drive = Drive::<f64>::new(CARRIED);
+    let mut weights = weights_of(CARRIED);
+    let weight = |t: usize, n: usize| 1.0 + 0.3 * t as f64 - n as f64;
+    drive.forward(&weights, &CARRIED_SCALING, &events, Loop::Open);
     let mut gradient = vec![0.0; weights.len()];
-    drive.backward(&weights, &SCALING, &by, &mut gradient);
+    drive.backward_open_sum(&weights, |t, n, _| weight(t, n), &mut gradient);
     for i in 0..weights.len() {
         let (kept, h) = (weights[i], 1e-5);
         let mut at = |w: f64| {
             weights[i] = w;
-            drive.forward(&weights, &SCALING, &events, Loop::Closed);
+            drive.forward(&weights, &CARRIED_SCALING, &events, Loop::Open);
+            let of = |n: usize| (CARRIED.horizon..events[n].steps()).map(move |t| (t, n));
+            of(0).chain(of(1)).map(|(t, n)| weight(t, n) * drive.accel_mps2(t, n)).sum::<f64>()
+        };
+        let central = (at(kept + h) - at(kept - h)) / (2.0 * h);
+        weights[i] = kept;
+        assert!((central - gradient[i]).abs() <= 1e-5 * (1.0 + central.abs()), "weight {i}");
+    }
+}
+
+fn agrees_with_central_differences(shape: DriverShape, scaling: &Scaling) {
+    let (long, short, shortest) = (event(23, 0.0), event(16, 0.7), event(5, 1.9));
+    let events = [&long, &short, &shortest];
+    let mut drive = Drive::<f64>::new(shape);
+    let mut weights = weights_of(shape);
+    drive.forward(&weights, scaling, &events, Loop::Closed);
+    let saturated = (SHAPE.horizon..23).filter(|&t| drive.accel_mps2(t, 0).abs() > 0.95 * 2.0).count();
+    assert!(saturated > 0, "the case is meant to be hard");
+    let (_, by) = scalar(&drive, &events);
+    let mut gradient = vec![0.0; weights.len()];
+    drive.backward(&weights, scaling, &by, &mut gradient);
+    for i in 0..weights.len() {
+        let (kept, h) = (weights[i], 1e-5);
+        let mut at = |w: f64| {
+            weights[i] = w;
+            drive.forward(&weights, scaling, &events, Loop::Closed);
             scalar(&drive, &events).0
         };
         let central = (at(kept + h) - at(kept - h)) / (2.0 * h);
@@ -134,12 +178,29 @@ fn window(event: &Event, from: usize) -> Window {
 }
 
 #[test]
-fn serving_answers_what_driving_computes() {
+fn serving_answers_what_driving_computes_with_windows_and_with_a_carried_state() {
+    serving_answers_what_driving_computes(SHAPE, SCALING);
+    serving_answers_what_driving_computes(CARRIED, CARRIED_SCALING);
+}
+
+#[test]
+fn the_first_step_of_a_carried_drive_is_what_the_window_is_answered() {
     let event = event(30, 0.4);
-    let weights: Vec<f32> = weights().into_iter().map(|w| w as f32).collect();
-    let driver = Driver::new(SHAPE, SCALING, weights.clone()).unwrap();
-    let mut drive = Drive::<f32>::new(SHAPE);
-    drive.forward(&weights, &SCALING, &[&event], Loop::Closed);
+    let weights: Vec<f32> = weights_of(CARRIED).into_iter().map(|w| w as f32).collect();
+    let driver = Driver::new(CARRIED, CARRIED_SCALING, weights).unwrap();
+    for from in [0, 7] {
+        let window = window(&event, from);
+        let answer = driver.accelerations(std::slice::from_ref(&window))[0];
+        assert_eq!(driver.simulate(&window, &[8.0], None).accel_mps2, [answer]);
+    }
+}
+
+fn serving_answers_what_driving_computes(shape: DriverShape, scaling: Scaling) {
+    let event = event(30, 0.4);
+    let weights: Vec<f32> = weights_of(shape).into_iter().map(|w| w as f32).collect();
+    let driver = Driver::new(shape, scaling, weights.clone()).unwrap();
+    let mut drive = Drive::<f32>::new(shape);
+    drive.forward(&weights, &scaling, &[&event], Loop::Closed);
     let simulation = driver.simulate(&window(&event, 0), &event.leader_speed_mps()[SHAPE.horizon..], None);
     assert_eq!((simulation.differing_steps, drive.acted_steps(0), drive.held_steps(0)), (0, 0, 0));
     for t in SHAPE.horizon..30 {
@@ -175,7 +236,7 @@ fn a_bounded_drive_is_what_is_served_and_never_touches_the_leader() {
 #[test]
 fn a_window_gets_the_same_bits_whoever_shares_its_batch() {
     let shape = DriverShape { hidden: 19, ..SHAPE };
-    let weights = initial_weights(Layout { hidden: 19 }, 1);
+    let weights = initial_weights(Layout { hidden: 19, inputs: INPUTS }, 1);
     let driver = Driver::new(shape, SCALING, weights).unwrap();
     let events: Vec<_> = (0..9).map(|i| event(15, i as f32)).collect();
     let windows: Vec<_> = events.iter().flat_map(|e| (0..11).map(|from| window(e, from))).collect();

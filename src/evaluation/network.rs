@@ -128,14 +128,14 @@ fn errors(drive: &Drive<f32>, horizon: usize, events: &[&Event]) -> Errors {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::lstm::{Layout, initial_weights};
+    use crate::lstm::initial_weights;
     use crate::safety::{StressSettings, stress_set};
 
-    const SHAPE: DriverShape = DriverShape { hidden: 6, horizon: 5, dt_s: 0.1, accel_limit_mps2: 4.0 };
+    const SHAPE: DriverShape = DriverShape { hidden: 6, horizon: 5, accel_limit_mps2: 4.0, ..DriverShape::PAPER };
 
     /// An untrained network, and one that always accelerates as hard as it can.
     fn networks() -> [Vec<f32>; 2] {
-        let layout = Layout { hidden: SHAPE.hidden };
+        let layout = SHAPE.layout();
         let untrained = initial_weights(layout, 3);
         let mut always = untrained.clone();
         *always.last_mut().unwrap() = 50.0;
@@ -143,7 +143,13 @@ mod tests {
     }
 
     fn scaling() -> Scaling {
-        Scaling { mean: [12.0, 12.0, 0.0, 20.0], spread: [6.0, 6.0, 2.0, 12.0], low: [0.0; 4], high: [40.0; 4] }
+        Scaling {
+            mean: [12.0, 12.0, 0.0, 20.0],
+            spread: [6.0, 6.0, 2.0, 12.0],
+            low: [0.0; 4],
+            high: [40.0; 4],
+            motion: None,
+        }
     }
 
     #[test]

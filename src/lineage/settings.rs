@@ -3,21 +3,13 @@
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use super::PromotionPolicy;
-use super::regime::{AutomaticSchedule, RegimeRule, Schedule};
+use super::regime::{RegimeRule, Schedule};
+use super::{Preset, PromotionPolicy};
 use crate::consolidation::{Accumulation, Estimator, MasOutput, Method, Output, PenaltyStep};
+use crate::driver::{Features, Memory};
+use crate::training::RateSchedule;
 
-/// Whether the network encodes each window afresh or carries one state along the event.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Memory {
-    /// The last `horizon` steps from a zero state at every step: the paper's.
-    Window,
-    /// One state along the event.
-    Carried,
-}
-
-/// Everything a model can be told. Defaults are the paper's where the paper states one.
+/// Everything a model can be told. Defaults are those of [`Preset::Best`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct ModelSettings {
@@ -27,6 +19,9 @@ pub struct ModelSettings {
     pub horizon: u32,
     /// Window or carried state.
     pub memory: Memory,
+    /// What the network reads of a step.
+    #[serde(default = "before::features")]
+    pub features: Features,
     /// The model's step, s; events of another step are resampled.
     pub dt_s: f64,
     /// The network's acceleration lies within ± this, m/s².
@@ -35,8 +30,14 @@ pub struct ModelSettings {
     pub epochs: u32,
     /// Events in one optimiser update.
     pub minibatch: u32,
-    /// Of Adam.
+    /// Of Adam, at its greatest.
     pub learning_rate: f64,
+    /// How it changes along a stage.
+    #[serde(default = "before::learning_rate_schedule")]
+    pub learning_rate_schedule: RateSchedule,
+    /// Updates begin each event at random, up to this share of its simulated steps later.
+    #[serde(default)]
+    pub random_start: f64,
     /// Global norm the gradient is clipped to.
     pub clip_norm: f64,
     /// Weight of mean relu(min(margin, recorded spacing) − spacing).
@@ -91,41 +92,20 @@ pub struct ModelSettings {
 
 impl Default for ModelSettings {
     fn default() -> Self {
-        Self {
-            hidden: 128,
-            horizon: 10,
-            memory: Memory::Window,
-            dt_s: 0.1,
-            accel_limit_mps2: 4.0,
-            epochs: 5,
-            minibatch: 32,
-            learning_rate: 0.001,
-            clip_norm: 1.0,
-            collision_penalty: 1000.0,
-            backward_penalty: 1000.0,
-            collision_margin_m: 4.0,
-            strength: None,
-            lambda: None,
-            estimator: Estimator::Exact,
-            estimator_draws: 4,
-            output: Output::OpenLoop,
-            mas_output: MasOutput::Jacobian,
-            accumulation: None,
-            online_decay: 0.95,
-            penalty_step: PenaltyStep::Proximal,
-            replay_events: 500,
-            replay_share: 0.5,
-            si_damping: 0.001,
-            seed: 42,
-            split_seed: 0,
-            envelope: true,
-            schedule: Schedule::Automatic(AutomaticSchedule { min_events: 500, max_wait_s: 3600 }),
-            regimes: RegimeRule::LABEL,
-            promotion: PromotionPolicy::Gated,
-            promotion_error_ratio: 1.1,
-            max_regimes: 64,
-            test_reservoir: 500,
-        }
+        Preset::Best.settings()
+    }
+}
+
+/// What versions were made with before there was a choice.
+mod before {
+    use super::{Features, RateSchedule};
+
+    pub(super) fn features() -> Features {
+        Features::Raw
+    }
+
+    pub(super) fn learning_rate_schedule() -> RateSchedule {
+        RateSchedule::Constant
     }
 }
 
@@ -142,7 +122,8 @@ pub struct SettingsError {
 }
 
 impl ModelSettings {
-    /// These settings with the members of `overrides` (a JSON object, or null for none) in place of their own.
+    /// These settings with the members of `overrides` (a JSON object, or null for none) in place of their own. A member
+    /// `preset` names where the settings that are not given come from instead.
     ///
     /// # Errors
     /// An unknown name, a value of the wrong type or out of range, or an option that is not there yet.
@@ -152,10 +133,13 @@ impl ModelSettings {
             Value::Object(members) => members,
             _ => return Err(SettingsError::invalid("", "an object is needed")),
         };
-        let Value::Object(mut resolved) = serde_json::to_value(self).expect("settings are plain data") else {
+        let preset = members.get("preset").map(|name| serde_json::from_value::<Preset>(name.clone()));
+        let preset = preset.transpose().map_err(|e| SettingsError::invalid("preset", &e.to_string()))?;
+        let from = preset.map_or_else(|| self.clone(), Preset::settings);
+        let Value::Object(mut resolved) = serde_json::to_value(from).expect("settings are plain data") else {
             unreachable!("settings are an object")
         };
-        for (name, value) in members {
+        for (name, value) in members.iter().filter(|(name, _)| *name != "preset") {
             if name == "retention" {
                 return Err(SettingsError::not_available(name));
             }
@@ -224,8 +208,10 @@ impl ModelSettings {
         {
             return Err(SettingsError::invalid("regimes", &defect));
         }
-        if self.memory != Memory::Window {
-            return Err(SettingsError::not_available("memory"));
+        real("random_start", self.random_start, 0.0, 0.95)?;
+        if self.features == Features::Motion && self.memory == Memory::Window {
+            let detail = "motion needs memory carried; raw goes with window (preset paper has both)";
+            return Err(SettingsError::invalid("features", detail));
         }
         self.check_importance(None)
     }
@@ -272,6 +258,24 @@ mod tests {
     }
 
     #[test]
+    fn a_preset_is_where_the_other_settings_come_from() {
+        let paper = ModelSettings::default().overridden(&json!({"hidden": 64, "preset": "paper"})).unwrap();
+        assert_eq!(paper, ModelSettings { hidden: 64, ..Preset::Paper.settings() });
+        assert_eq!((paper.minibatch, paper.learning_rate, paper.random_start), (32, 0.001, 0.0));
+        let back = paper.overridden(&json!({"preset": "best"})).unwrap();
+        assert_eq!(back, ModelSettings::default());
+    }
+
+    #[test]
+    fn what_was_stored_before_there_was_a_choice_is_read_as_it_was_meant() {
+        let mut stored = serde_json::to_value(Preset::Paper.settings()).unwrap();
+        for name in ["features", "learning_rate_schedule", "random_start"] {
+            stored.as_object_mut().unwrap().remove(name).unwrap();
+        }
+        assert_eq!(serde_json::from_value::<ModelSettings>(stored).unwrap(), Preset::Paper.settings());
+    }
+
+    #[test]
     fn a_bad_setting_is_named() {
         for (overrides, name) in [
             (json!({"hiden": 64}), "hiden"),
@@ -282,7 +286,8 @@ mod tests {
             (json!({"regimes": {"by": "mean_speed_mps", "edges": [2.0, 1.0]}}), "regimes"),
             (json!({"regimes": ["mean_speed_mps", [1.0, 2.0]]}), "regimes"),
             (json!({"schedule": [5, 10]}), "schedule"),
-            (json!({"memory": "carried"}), "memory"),
+            (json!({"memory": "window"}), "features"),
+            (json!({"preset": "papers"}), "preset"),
             (json!({"retention": {}}), "retention"),
             (json!([1]), ""),
         ] {

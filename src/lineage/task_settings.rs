@@ -8,10 +8,11 @@ use crate::driver::DriverShape;
 use crate::training::LearnSettings;
 
 /// What a line of versions shares: another value would make its weights, anchors or test events incomparable.
-const OF_THE_LINE: [&str; 12] = [
+const OF_THE_LINE: [&str; 13] = [
     "hidden",
     "horizon",
     "memory",
+    "features",
     "dt_s",
     "accel_limit_mps2",
     "estimator",
@@ -50,6 +51,8 @@ impl ModelSettings {
             horizon: self.horizon as usize,
             dt_s: self.dt_s as f32,
             accel_limit_mps2: self.accel_limit_mps2 as f32,
+            memory: self.memory,
+            features: self.features,
         }
     }
 
@@ -72,6 +75,8 @@ impl ModelSettings {
             epochs: self.epochs,
             minibatch: self.minibatch as usize,
             learning_rate: self.learning_rate as f32,
+            learning_rate_schedule: self.learning_rate_schedule,
+            random_start: self.random_start,
             clip_norm: self.clip_norm as f32,
             collision_penalty: self.collision_penalty as f32,
             backward_penalty: self.backward_penalty as f32,

@@ -1,6 +1,6 @@
 //! Forward only, for serving: windows one by one or thousands together, the same bits either way.
 
-use super::{INPUTS, Layout, Real, gates, vectorised};
+use super::{Layout, Real, gates, vectorised};
 
 /// Rows that share each load of a weight.
 const ROWS: usize = 4;
@@ -46,13 +46,13 @@ impl<T: Real> Encoder<T> {
         &self.weights
     }
 
-    /// The head's value for each window; `inputs` are standardised, windows × `horizon` × 4.
+    /// The head's value for each window; `inputs` are standardised, windows × `horizon` × inputs.
     ///
     /// # Panics
     /// When the number of inputs does not fit.
     #[must_use]
     pub fn head_values(&self, horizon: usize, inputs: &[T]) -> Vec<T> {
-        let window = horizon * INPUTS;
+        let window = horizon * self.layout.inputs;
         assert!(inputs.len().is_multiple_of(window), "whole windows");
         let mut values = Vec::with_capacity(inputs.len() / window);
         let mut tile = Tile::new(self.layout, (inputs.len() / window).min(TILE));
@@ -68,18 +68,50 @@ impl<T: Real> Encoder<T> {
         values
     }
 
+    /// Advances one vehicle's state by the standardised inputs of one step; the head's value then.
+    ///
+    /// The same bits as [`Self::head_values`] of a window that began when the state did.
+    ///
+    /// # Panics
+    /// When the number of inputs does not fit.
+    pub fn advance(&self, state: &mut EncoderState<T>, inputs: &[T]) -> T {
+        assert_eq!(inputs.len(), self.layout.inputs);
+        let Tile { z, projected, h, c, before } = &mut state.tile;
+        vectorised(
+            #[inline(always)]
+            || {
+                self.project(inputs, projected);
+                if state.begun {
+                    self.recurrent(h, z);
+                    before.copy_from_slice(c);
+                    gates::later(z, projected, before, c, h);
+                } else {
+                    gates::first(z, projected, c, h);
+                }
+            },
+        );
+        state.begun = true;
+        dot(&self.weights[self.layout.head()], h) + self.weights[self.layout.head_bias()]
+    }
+
+    /// The zero state.
+    #[must_use]
+    pub fn state(&self) -> EncoderState<T> {
+        EncoderState { tile: Tile::new(self.layout, 1), begun: false }
+    }
+
     #[inline(always)]
     fn encode_tile(&self, tile: &mut Tile<T>, window: usize, inputs: &[T]) {
-        let (hidden, gates) = (self.layout.hidden, self.layout.gates());
+        let (hidden, gates, each) = (self.layout.hidden, self.layout.gates(), self.layout.inputs);
         let windows = inputs.len() / window;
         let Tile { z, projected, h, c, before } = tile;
-        for step in 0..window / INPUTS {
+        for step in 0..window / each {
             if step > 0 {
                 self.recurrent(&h[..windows * hidden], &mut z[..windows * gates]);
                 before.copy_from_slice(c);
             }
             for n in 0..windows {
-                let x = &inputs[n * window + step * INPUTS..][..INPUTS];
+                let x = &inputs[n * window + step * each..][..each];
                 self.project(x, projected);
                 let at = n * hidden..(n + 1) * hidden;
                 let (z, c, h) = (&mut z[n * gates..(n + 1) * gates], &mut c[at.clone()], &mut h[at.clone()]);
@@ -95,8 +127,8 @@ impl<T: Real> Encoder<T> {
     #[inline(always)]
     fn project(&self, x: &[T], projected: &mut [T]) {
         let (input, bias) = (&self.weights[self.layout.input()], &self.weights[self.layout.bias()]);
-        for ((p, w), b) in projected.iter_mut().zip(input.chunks_exact(INPUTS)).zip(bias) {
-            *p = w[3].fma(x[3], w[2].fma(x[2], w[1].fma(x[1], w[0].fma(x[0], *b))));
+        for ((p, w), b) in projected.iter_mut().zip(input.chunks_exact(self.layout.inputs)).zip(bias) {
+            *p = w.iter().zip(x).fold(*b, |sum, (w, x)| w.fma(*x, sum));
         }
     }
 
@@ -144,6 +176,13 @@ impl<T: Real> Encoder<T> {
             }
         }
     }
+}
+
+/// The state of one vehicle that is encoded step by step.
+#[derive(Debug)]
+pub struct EncoderState<T> {
+    tile: Tile<T>,
+    begun: bool,
 }
 
 /// Activations of some windows.

@@ -30,10 +30,11 @@ pub fn initial_weights(layout: Layout, seed: u64) -> Vec<f32> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::lstm::INPUTS;
 
     #[test]
     fn weights_follow_their_distributions_and_their_seed() {
-        let layout = Layout { hidden: 128 };
+        let layout = Layout { hidden: 128, inputs: INPUTS };
         let weights = initial_weights(layout, 42);
         let bound = 1.0 / 128.0_f32.sqrt();
         assert!(weights[..layout.bias().start].iter().all(|w| w.abs() <= bound));

@@ -2,14 +2,14 @@
 
 use std::ops::Range;
 
-/// Inputs of the network: follower speed, leader speed, relative speed, spacing.
+/// Inputs of the paper's network: follower speed, leader speed, relative speed, spacing.
 pub const INPUTS: usize = 4;
 
 /// The flat parameter vector of a network of some size.
 ///
 /// | part | shape | order |
 /// | --- | --- | --- |
-/// | input weights | 4·hidden × 4 | row-major (`weight_ih` of torch) |
+/// | input weights | 4·hidden × inputs | row-major (`weight_ih` of torch) |
 /// | recurrent weights | 4·hidden × hidden | row-major (`weight_hh`) |
 /// | gate bias | 4·hidden | the sum of torch's two |
 /// | head weights | hidden | |
@@ -18,6 +18,8 @@ pub const INPUTS: usize = 4;
 pub struct Layout {
     /// Hidden units.
     pub hidden: usize,
+    /// Inputs of a step.
+    pub inputs: usize,
 }
 
 impl Layout {
@@ -42,7 +44,7 @@ impl Layout {
     /// Input weights.
     #[must_use]
     pub fn input(self) -> Range<usize> {
-        0..self.gates() * INPUTS
+        0..self.gates() * self.inputs
     }
 
     /// Recurrent weights.
@@ -91,13 +93,13 @@ mod tests {
 
     #[test]
     fn parts_tile_the_vector() {
-        let layout = Layout { hidden: 7 };
+        let layout = Layout { hidden: 7, inputs: 5 };
         let mut at = 0;
         for (name, part) in layout.parts() {
             assert_eq!(part.start, at, "{name}");
             at = part.end;
         }
         assert_eq!(at, layout.len());
-        assert_eq!(Layout { hidden: 128 }.len(), 512 * (4 + 128 + 1) + 129);
+        assert_eq!(Layout { hidden: 128, inputs: INPUTS }.len(), 512 * (4 + 128 + 1) + 129);
     }
 }

@@ -4,21 +4,25 @@
 //! contiguous; weights are laid out as `torch.nn.LSTMCell` lays them out (gates in the order input, forget, cell, output).
 
 mod activation;
+mod carried;
 mod dispatch;
 mod encode;
 mod gates;
 mod init;
 mod layout;
 mod overlap;
+mod passes;
 mod plan;
 mod product;
 mod real;
 mod squares;
 
+pub use carried::Carried;
 pub use dispatch::{kernel_name, vectorised};
-pub use encode::Encoder;
+pub use encode::{Encoder, EncoderState};
 pub use init::initial_weights;
 pub use layout::{INPUTS, Layout};
 pub use overlap::Overlap;
+pub use passes::Passes;
 pub use real::Real;
 pub use squares::Magnitude;

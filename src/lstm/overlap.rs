@@ -50,7 +50,11 @@ fn grow<T: Real>(buffer: &mut Vec<T>, len: usize) {
 impl<T: Real> Overlap<T> {
     /// Empty buffers for a network of this layout.
     #[must_use]
+    ///
+    /// # Panics
+    /// When it does not read the paper's four inputs: what else a window could be told depends on where it starts.
     pub fn new(layout: Layout) -> Self {
+        assert_eq!(layout.inputs, INPUTS, "windows read the paper's four inputs");
         let empty = Vec::new;
         Self {
             layout,

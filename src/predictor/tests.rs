@@ -5,8 +5,8 @@ use std::sync::Arc;
 use super::*;
 use crate::consolidation::Method;
 use crate::driver::Window;
-use crate::lineage::{ModelSettings, Promotion, PromotionDecision, PromotionPolicy};
-use crate::lstm::Layout;
+use crate::lineage::{ModelSettings, Preset, Promotion, PromotionDecision, PromotionPolicy};
+use crate::lstm::{INPUTS, Layout};
 use crate::store::fixture::{Fixture, now};
 use crate::store::live::{MoveRequest, promote};
 use crate::store::outcome::{self, Outcome};
@@ -17,7 +17,7 @@ const HIDDEN: usize = 2;
 /// A model with versions 1, 2 and 3, told apart by their weights; the last is live.
 async fn three_versions() -> (Fixture, i64) {
     let fixture = Fixture::new().await;
-    let settings = ModelSettings { hidden: 2, ..ModelSettings::default() };
+    let settings = ModelSettings { hidden: 2, ..Preset::Paper.settings() };
     let model_id = fixture.model("m", Method::Naive, &settings).await;
     for version in 1..=3_u16 {
         fixture.batch(model_id, "fast", version..version + 1).await;
@@ -48,7 +48,7 @@ fn outcome(settings: &ModelSettings, weight: f32, judged_against: Option<i64>) -
             "low": [0.0, 0.0, -5.0, 0.0], "high": [20.0, 20.0, 5.0, 100.0]
         }),
         importance: serde_json::Value::Null,
-        weights: vec![weight / 10.0; Layout { hidden: HIDDEN }.len()],
+        weights: vec![weight / 10.0; Layout { hidden: HIDDEN, inputs: INPUTS }.len()],
         memory: None,
         reservoir: Vec::new(),
         regimes: Vec::new(),

@@ -5,7 +5,6 @@ use serde_json::Value;
 
 use crate::consolidation::RegimeMemory;
 use crate::driver::DriverShape;
-use crate::lstm::Layout;
 
 /// Importance of the regime learned, over one part of the network.
 #[derive(Debug, Serialize)]
@@ -22,7 +21,8 @@ struct LayerImportance {
 pub(super) fn summary(shape: DriverShape, memory: Option<&RegimeMemory>) -> Value {
     let Some(memory) = memory else { return Value::Null };
     let total: f64 = memory.importance.iter().map(|&x| f64::from(x)).sum();
-    let layers: Vec<_> = Layout { hidden: shape.hidden }
+    let layers: Vec<_> = shape
+        .layout()
         .parts()
         .into_iter()
         .filter_map(|(layer, range)| {

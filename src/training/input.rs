@@ -1,5 +1,6 @@
 //! What a stage learns from.
 
+use super::rate::RateSchedule;
 use super::replay::ReplayedRegime;
 use crate::car_following::Event;
 use crate::consolidation::{Accumulation, ImportanceOptions, Method, PenaltyStep, RegimeMemory};
@@ -14,8 +15,12 @@ pub struct LearnSettings {
     pub epochs: u32,
     /// Events per update.
     pub minibatch: usize,
-    /// Adam's.
+    /// Adam's, at its greatest.
     pub learning_rate: f32,
+    /// How it changes along the stage.
+    pub learning_rate_schedule: RateSchedule,
+    /// An update begins each event at random, up to this share of the steps it could simulate later; 0 at its first step.
+    pub random_start: f64,
     /// Global norm.
     pub clip_norm: f32,
     /// Weight of mean relu(min(margin, s*) − s).

@@ -9,9 +9,11 @@ mod loss;
 mod minibatch;
 mod observer;
 mod order;
+mod rate;
 mod replay;
 mod sanity;
 mod stage;
+mod start;
 
 pub use adam::{Adam, clip_norm};
 pub use input::{LearnSettings, StageInput};
@@ -20,5 +22,6 @@ pub use line::Line;
 pub use loss::{Penalties, loss};
 pub use minibatch::minibatch_gradient;
 pub use observer::{Interim, Observer, Progress};
+pub use rate::RateSchedule;
 pub use replay::ReplayedRegime;
 pub use stage::learn_stage;

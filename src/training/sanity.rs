@@ -32,7 +32,7 @@ mod tests {
     #[test]
     fn coasting_behind_a_coasting_leader_costs_nothing() {
         let event = Event::new(0.1, vec![20.0; 30], vec![8.0; 30], vec![8.0; 30]);
-        let shape = DriverShape { hidden: 1, horizon: 10, dt_s: 0.1, accel_limit_mps2: 3.0 };
+        let shape = DriverShape { hidden: 1, horizon: 10, accel_limit_mps2: 3.0, ..DriverShape::PAPER };
         let penalties = Penalties { collision: 1000.0, backward: 1000.0, collision_margin_m: 4.0 };
         assert!(coasting_loss(&[&event], shape, penalties) < 1e-6);
     }

@@ -14,6 +14,7 @@ use super::observer::{Interim, Observer, Progress};
 use super::order::{by_content, keyed, shuffle};
 use super::replay::Replay;
 use super::sanity::coasting_loss;
+use super::start::late;
 use crate::car_following::Event;
 use crate::consolidation::{
     Accumulate, Method, PathIntegral, Penalty, PenaltyStep, RegimeMemory, default_accumulation, default_strength,
@@ -21,7 +22,7 @@ use crate::consolidation::{
 };
 use crate::driver::{Crew, Scaling};
 use crate::evaluation::{Errors, drive_all};
-use crate::lstm::{Layout, initial_weights, kernel_name};
+use crate::lstm::{initial_weights, kernel_name};
 
 /// Validation events driven between two looks at whether to stop.
 const VALIDATED_TOGETHER: usize = 64;
@@ -108,7 +109,7 @@ impl<'a> Stage<'a> {
             train,
             validation,
             crew: Crew::new(settings.shape, workers),
-            scaling: input.scaling.unwrap_or_else(|| Scaling::estimate(train)),
+            scaling: input.scaling.unwrap_or_else(|| Scaling::estimate(settings.shape, train)),
             penalty,
             strength: strength.filter(|_| settings.lambda.is_none()),
             loss_limit: 4.0 * coasting(train).max(coasting(&replay.events())),
@@ -135,7 +136,7 @@ impl<'a> Stage<'a> {
             let began = Instant::now();
             let mut events: Vec<&Event> = minibatch.iter().map(|&i| self.train[i]).collect();
             events.extend(self.replayed(minibatch.len()));
-            let (loss, penalty) = self.update(&events)?;
+            let (loss, penalty) = self.update(&events, updates)?;
             self.state.update_s += began.elapsed().as_secs_f64();
             self.state.epoch_loss += loss * events.len() as f64;
             self.state.minibatch += 1;
@@ -220,12 +221,17 @@ impl<'a> Stage<'a> {
     }
 
     /// One update on one minibatch; its loss and penalty at the weights before.
-    fn update(&mut self, events: &[&Event]) -> Result<(f64, f64), LearnError> {
+    fn update(&mut self, events: &[&Event], updates: u64) -> Result<(f64, f64), LearnError> {
         let settings = &self.input.settings;
+        let horizon = settings.shape.horizon;
+        let key = (settings.seed, self.input.stage, self.state.adam.updates);
+        let started = (settings.random_start > 0.0).then(|| late(events, settings.random_start, horizon, key));
+        let started: Option<Vec<&Event>> = started.as_ref().map(|events| events.iter().collect());
+        let events = started.as_deref().unwrap_or(events);
         let weights = &mut self.state.weights;
         let loss = minibatch_gradient(
             &self.crew,
-            settings.shape.horizon,
+            horizon,
             &self.scaling,
             weights,
             events,
@@ -244,9 +250,11 @@ impl<'a> Stage<'a> {
         }
         let norm = clip_norm(&mut self.gradient, settings.clip_norm);
         self.before.clone_from(weights);
-        self.state.adam.step(weights, &self.gradient, settings.learning_rate);
+        let factor = settings.learning_rate_schedule.factor(self.state.adam.updates + 1, updates);
+        let learning_rate = f64::from(settings.learning_rate) * factor;
+        self.state.adam.step(weights, &self.gradient, learning_rate as f32);
         if let Some((penalty, lambda)) = &self.penalty {
-            let eta = f64::from(settings.learning_rate) * lambda;
+            let eta = learning_rate * lambda;
             match settings.penalty_step {
                 PenaltyStep::Coupled => {}
                 PenaltyStep::Proximal => penalty.pull(eta, weights),
@@ -299,9 +307,7 @@ impl<'a> Stage<'a> {
 /// The weights a stage starts from.
 fn first_weights(input: &StageInput<'_>) -> Vec<f32> {
     match (input.method, input.parent_weights) {
-        (Method::Joint, _) | (_, None) => {
-            initial_weights(Layout { hidden: input.settings.shape.hidden }, input.settings.seed)
-        }
+        (Method::Joint, _) | (_, None) => initial_weights(input.settings.shape.layout(), input.settings.seed),
         (_, Some(parent)) => parent.to_vec(),
     }
 }

@@ -2,7 +2,7 @@
 
 use headway::car_following::Event;
 use headway::driver::{Crew, DriverShape, Scaling};
-use headway::lstm::{Layout, Real};
+use headway::lstm::{INPUTS, Layout, Real};
 use headway::training::{Adam, Penalties, clip_norm, minibatch_gradient};
 use serde::Deserialize;
 
@@ -73,8 +73,9 @@ fn case() -> Case {
         horizon: golden.horizon,
         dt_s: golden.dt_s,
         accel_limit_mps2: golden.accel_limit_mps2,
+        ..DriverShape::PAPER
     };
-    let scaling = Scaling { mean: golden.mean, spread: golden.spread, low: [0.0; 4], high: [0.0; 4] };
+    let scaling = Scaling { mean: golden.mean, spread: golden.spread, low: [0.0; 4], high: [0.0; 4], motion: None };
     let events = golden.events.iter().map(|event| event.event(golden.dt_s)).collect();
     Case { golden, shape, scaling, events }
 }
@@ -104,7 +105,7 @@ fn wide_weights(weights: &[f32]) -> Vec<f64> {
 fn every_gradient_agrees_with_torch_at_the_same_weights() {
     let case = case();
     let mut weights = case.golden.weights.flat();
-    assert_eq!(weights.len(), Layout { hidden: case.golden.hidden }.len());
+    assert_eq!(weights.len(), Layout { hidden: case.golden.hidden, inputs: INPUTS }.len());
     for (update, theirs) in case.golden.updates.iter().enumerate() {
         let (loss, gradient) = gradient_of(&case, &weights, 0.0);
         let expected = theirs.gradient.flat();

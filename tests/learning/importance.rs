@@ -61,8 +61,9 @@ fn case() -> Case {
         horizon: golden.horizon,
         dt_s: golden.dt_s,
         accel_limit_mps2: golden.accel_limit_mps2,
+        ..DriverShape::PAPER
     };
-    let scaling = Scaling { mean: golden.mean, spread: golden.spread, low: [0.0; 4], high: [0.0; 4] };
+    let scaling = Scaling { mean: golden.mean, spread: golden.spread, low: [0.0; 4], high: [0.0; 4], motion: None };
     let events = golden.events.iter().map(|event| event.event(golden.dt_s)).collect();
     let weights = golden.weights.flat();
     Case { golden, shape, scaling, events, weights }

@@ -3,15 +3,19 @@
 use headway::car_following::{Event, TrafficRegime, TrafficSettings, generate};
 use headway::consolidation::{Estimator, ImportanceOptions, MasOutput, Method, Output, PenaltyStep, RegimeMemory};
 use headway::driver::{DriverShape, Scaling};
-use headway::training::{Interim, LearnSettings, Learned, Observer, Progress, ReplayedRegime, StageInput, learn_stage};
+use headway::training::{
+    Interim, LearnSettings, Learned, Observer, Progress, RateSchedule, ReplayedRegime, StageInput, learn_stage,
+};
 use rayon::ThreadPool;
 
 pub(super) fn settings() -> LearnSettings {
     LearnSettings {
-        shape: DriverShape { hidden: 8, horizon: 5, dt_s: 0.1, accel_limit_mps2: 4.0 },
+        shape: DriverShape { hidden: 8, horizon: 5, accel_limit_mps2: 4.0, ..DriverShape::PAPER },
         epochs: 2,
         minibatch: 8,
         learning_rate: 0.003,
+        learning_rate_schedule: RateSchedule::Constant,
+        random_start: 0.0,
         clip_norm: 1.0,
         collision_penalty: 1000.0,
         backward_penalty: 1000.0,

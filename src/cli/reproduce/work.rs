@@ -72,7 +72,7 @@ impl<'a> Work<'a> {
             checkpoint_every: Duration::from_secs_f64(arguments.checkpoint_s),
             all: plan.train_all(),
             replay: plan.tasks.iter().map(|task| replayed(task, options.settings.replay_events as usize)).collect(),
-            scaling: Scaling::estimate(&first),
+            scaling: Scaling::estimate(options.settings.shape(), &first),
             base: base(arguments, plan)?,
             traced: !arguments.no_figures,
         })

@@ -10,7 +10,6 @@ use crate::car_following::Event;
 use crate::consolidation::RegimeMemory;
 use crate::driver::{DriverShape, Scaling};
 use crate::evaluation::{Errors, ServedErrors};
-use crate::lstm::Layout;
 use crate::scheduler::Learner;
 use crate::training::{LearnError, Learned, Observer, Progress, StageInput};
 
@@ -68,7 +67,13 @@ impl Fake {
 }
 
 fn scaling() -> Scaling {
-    Scaling { mean: [0.0; 4], spread: [1.0; 4], low: [0.0, 0.0, -5.0, 0.0], high: [40.0, 40.0, 5.0, 100.0] }
+    Scaling {
+        mean: [0.0; 4],
+        spread: [1.0; 4],
+        low: [0.0, 0.0, -5.0, 0.0],
+        high: [40.0, 40.0, 5.0, 100.0],
+        motion: None,
+    }
 }
 
 impl Learner for Fake {
@@ -119,7 +124,7 @@ impl Learner for Fake {
         if let Some(Behaviour::Err(error)) = behaviour {
             weight = error;
         }
-        let weights = vec![weight; Layout { hidden: input.settings.shape.hidden }.len()];
+        let weights = vec![weight; input.settings.shape.layout().len()];
         Ok(Learned {
             memory: input.method.consolidates().then(|| RegimeMemory {
                 regime: input.regime.to_owned(),

@@ -1,0 +1,273 @@
+//! Forward and backward along some events with one state each, from their first step to their last.
+
+use super::product::{columns, product, rows};
+use super::{Layout, Real, gates, vectorised};
+
+/// Activations of every step of some events, and the passes over them. Buffers are kept for the next set of events.
+///
+/// Use as [`super::Overlap`]: [`Carried::begin`], [`Carried::forward`] for each step in order, [`Carried::backward`] for each
+/// in reverse, [`Carried::finish`]. The state starts at zero; from step `horizon` − 1 on every event answers at every step.
+#[derive(Debug)]
+pub struct Carried<T> {
+    layout: Layout,
+    horizon: usize,
+    /// Events alive at each step: the number of those that are long enough.
+    alive: Vec<usize>,
+    /// Prefix sums of `alive`.
+    row: Vec<usize>,
+    inputs: Vec<T>,
+    /// Gates, later the derivatives by their pre-activations.
+    z: Vec<T>,
+    /// States after each step.
+    h: Vec<T>,
+    c: Vec<T>,
+    dh: Vec<T>,
+    dc: Vec<T>,
+    dc_before: Vec<T>,
+    /// Derivatives by the gates of one step; windows would share it, here it is each row's own.
+    dz_sum: Vec<T>,
+    outputs: Vec<T>,
+    dx: Vec<T>,
+    projected: Vec<T>,
+}
+
+fn grow<T: Real>(buffer: &mut Vec<T>, len: usize) {
+    if buffer.len() < len {
+        buffer.resize(len, T::zero());
+    }
+}
+
+impl<T: Real> Carried<T> {
+    /// Empty buffers for a network of this layout.
+    #[must_use]
+    pub fn new(layout: Layout) -> Self {
+        let empty = Vec::new;
+        Self {
+            layout,
+            horizon: 0,
+            alive: Vec::new(),
+            row: Vec::new(),
+            inputs: empty(),
+            z: empty(),
+            h: empty(),
+            c: empty(),
+            dh: empty(),
+            dc: empty(),
+            dc_before: empty(),
+            dz_sum: empty(),
+            outputs: empty(),
+            dx: empty(),
+            projected: empty(),
+        }
+    }
+
+    /// Begins with events of these many input steps each, longest first.
+    ///
+    /// # Panics
+    /// When they are not sorted.
+    pub fn begin(&mut self, horizon: usize, input_steps: &[usize]) {
+        assert!(horizon >= 1 && input_steps.is_sorted_by(|a, b| a >= b), "events come longest first");
+        self.horizon = horizon;
+        let steps = input_steps.first().copied().unwrap_or(0);
+        self.alive.clear();
+        self.row.clear();
+        let mut rows = 0;
+        for t in 0..steps {
+            let alive = input_steps.iter().take_while(|&&n| t < n).count();
+            self.row.push(rows);
+            self.alive.push(alive);
+            rows += alive;
+        }
+        self.row.push(rows);
+        let (hidden, gates) = (self.layout.hidden, self.layout.gates());
+        grow(&mut self.inputs, rows * self.layout.inputs);
+        grow(&mut self.z, rows * gates);
+        grow(&mut self.h, rows * hidden);
+        grow(&mut self.c, rows * hidden);
+        let most = self.alive.first().copied().unwrap_or(0);
+        for buffer in [&mut self.dh, &mut self.dc, &mut self.dc_before] {
+            grow(buffer, most * hidden);
+            buffer.fill(T::zero());
+        }
+        grow(&mut self.dz_sum, most * gates);
+        grow(&mut self.projected, most * gates);
+    }
+
+    /// Input steps of the longest event.
+    #[must_use]
+    pub fn steps(&self) -> usize {
+        self.alive.len()
+    }
+
+    /// Events that step `t` reads: a prefix.
+    #[must_use]
+    pub fn events(&self, t: usize) -> usize {
+        self.alive[t]
+    }
+
+    /// Events that answer at step `t`: a prefix.
+    #[must_use]
+    pub fn answering(&self, t: usize) -> usize {
+        if t + 1 >= self.horizon { self.alive[t] } else { 0 }
+    }
+
+    /// Advances every event alive at step `t` by its inputs; returns one head value per answering event.
+    ///
+    /// # Panics
+    /// When the number of inputs does not fit.
+    pub fn forward(&mut self, weights: &[T], t: usize, inputs: &[T]) -> &[T] {
+        let (layout, hidden, gates) = (self.layout, self.layout.hidden, self.layout.gates());
+        let alive = self.alive[t];
+        assert_eq!(inputs.len(), alive * layout.inputs);
+        let from = self.row[t];
+        self.inputs[from * layout.inputs..][..inputs.len()].copy_from_slice(inputs);
+        let projected = &mut self.projected[..alive * gates];
+        for row in projected.chunks_exact_mut(gates) {
+            row.copy_from_slice(&weights[layout.bias()]);
+        }
+        let input = rows(&weights[layout.input()], gates, layout.inputs);
+        product(projected, 1.0, &input, &columns(inputs, layout.inputs, alive));
+        let before = if t > 0 { self.row[t - 1] } else { 0 };
+        let (h_before, h) = self.h.split_at_mut(from * hidden);
+        let (c_before, c) = self.c.split_at_mut(from * hidden);
+        let z = &mut self.z[from * gates..][..alive * gates];
+        if t > 0 {
+            let recurrent = rows(&weights[layout.recurrent()], gates, hidden);
+            let h_before = &h_before[before * hidden..][..alive * hidden];
+            product(z, 0.0, &recurrent, &columns(h_before, hidden, alive));
+        }
+        let projected = &self.projected[..alive * gates];
+        vectorised(
+            #[inline(always)]
+            || {
+                let row = |n: usize, width: usize| n * width..(n + 1) * width;
+                for n in 0..alive {
+                    let (z, p) = (&mut z[row(n, gates)], &projected[row(n, gates)]);
+                    let (c, h) = (&mut c[row(n, hidden)], &mut h[row(n, hidden)]);
+                    if t == 0 {
+                        gates::first(z, p, c, h);
+                    } else {
+                        gates::later(z, p, &c_before[before * hidden..][row(n, hidden)], c, h);
+                    }
+                }
+            },
+        );
+        self.head(weights, t)
+    }
+
+    fn head(&mut self, weights: &[T], t: usize) -> &[T] {
+        let hidden = self.layout.hidden;
+        let states = &self.h[self.row[t] * hidden..][..self.answering(t) * hidden];
+        let (head, bias) = (&weights[self.layout.head()], weights[self.layout.head_bias()]);
+        self.outputs.clear();
+        self.outputs.extend(states.chunks_exact(hidden).map(|h| super::encode::dot(head, h) + bias));
+        &self.outputs
+    }
+
+    /// Goes back through step `t`: `dy` is the derivative by each answering event's head value. Adds to `gradient` what does
+    /// not wait for [`Self::finish`] and returns the derivative by the step's inputs.
+    ///
+    /// # Panics
+    /// When the number of derivatives does not fit.
+    pub fn backward(&mut self, weights: &[T], t: usize, dy: &[T], gradient: &mut [T]) -> &[T] {
+        assert_eq!(dy.len(), self.answering(t));
+        self.head_backward(weights, t, dy, gradient);
+        self.gates_backward(t);
+        let (layout, hidden, gates) = (self.layout, self.layout.hidden, self.layout.gates());
+        let (from, alive) = (self.row[t], self.alive[t]);
+        let dz = &self.z[from * gates..][..alive * gates];
+        for row in dz.chunks_exact(gates) {
+            for (db, dz) in gradient[layout.bias()].iter_mut().zip(row) {
+                *db += *dz;
+            }
+        }
+        self.dx.resize(alive * layout.inputs, T::zero());
+        let transposed = columns(&weights[layout.input()], layout.inputs, gates);
+        product(&mut self.dx, 0.0, &transposed, &columns(dz, gates, alive));
+        if t > 0 {
+            let transposed = columns(&weights[layout.recurrent()], hidden, gates);
+            product(&mut self.dh[..alive * hidden], 0.0, &transposed, &columns(dz, gates, alive));
+        }
+        std::mem::swap(&mut self.dc, &mut self.dc_before);
+        &self.dx
+    }
+
+    /// Adds the derivative by the answering states to what the step after gave; a state that no step reads has none.
+    fn head_backward(&mut self, weights: &[T], t: usize, dy: &[T], gradient: &mut [T]) {
+        let hidden = self.layout.hidden;
+        let (from, alive) = (self.row[t], self.alive[t]);
+        let read = self.alive.get(t + 1).copied().unwrap_or(0);
+        for buffer in [&mut self.dh, &mut self.dc] {
+            buffer[read * hidden..alive * hidden].fill(T::zero());
+        }
+        let head = &weights[self.layout.head()];
+        let (begin, end) = (self.layout.head().start, self.layout.head_bias());
+        let states = self.h[from * hidden..][..dy.len() * hidden].chunks_exact(hidden);
+        for ((dy, h), dh) in dy.iter().zip(states).zip(self.dh.chunks_exact_mut(hidden)) {
+            for (dh, w) in dh.iter_mut().zip(head) {
+                *dh += *dy * *w;
+            }
+            for (dw, h) in gradient[begin..end].iter_mut().zip(h) {
+                *dw += *dy * *h;
+            }
+            gradient[end] += *dy;
+        }
+    }
+
+    fn gates_backward(&mut self, t: usize) {
+        let (hidden, gates) = (self.layout.hidden, self.layout.gates());
+        let (from, alive) = (self.row[t], self.alive[t]);
+        let before = if t > 0 { self.row[t - 1] } else { 0 };
+        let z = &mut self.z[from * gates..][..alive * gates];
+        let (c_before, c) = self.c.split_at(from * hidden);
+        let Self { dh, dc, dc_before, dz_sum, .. } = self;
+        vectorised(
+            #[inline(always)]
+            || {
+                let row = |n: usize, width: usize| n * width..(n + 1) * width;
+                for n in 0..alive {
+                    let (z, c, at) = (&mut z[row(n, gates)], &c[row(n, hidden)], row(n, hidden));
+                    let sum = &mut dz_sum[row(n, gates)];
+                    if t == 0 {
+                        gates::first_backward(z, c, &dh[at.clone()], &dc[at], sum);
+                    } else {
+                        let c_before = &c_before[before * hidden..][row(n, hidden)];
+                        gates::later_backward(
+                            z,
+                            c,
+                            c_before,
+                            &dh[at.clone()],
+                            &dc[at.clone()],
+                            &mut dc_before[at],
+                            sum,
+                        );
+                    }
+                }
+            },
+        );
+    }
+
+    /// The input and recurrent weights' gradients, in as few long products as the events' lengths allow:
+    /// `dW_ih += Σ dz xᵀ`, `dW_hh += Σ dz h'ᵀ`, h' being the state before.
+    pub fn finish(&mut self, gradient: &mut [T]) {
+        let (layout, hidden, gates) = (self.layout, self.layout.hidden, self.layout.gates());
+        let all = self.row[self.steps()];
+        let dz = |from: usize, count: usize| rows(&self.z[from * gates..][..count * gates], count, gates);
+        let inputs = columns(&self.inputs[..all * layout.inputs], layout.inputs, all);
+        product(&mut gradient[layout.input()], 1.0, &inputs, &dz(0, all));
+        let recurrent = &mut gradient[layout.recurrent()];
+        let mut t = 1;
+        while t < self.steps() {
+            // Where as many events are alive as before, states and derivatives lie in step.
+            let alive = self.alive[t];
+            let mut end = t + 1;
+            while self.alive[t - 1] == alive && end < self.steps() && self.alive[end] == alive {
+                end += 1;
+            }
+            let count = self.row[end] - self.row[t];
+            let states = columns(&self.h[self.row[t - 1] * hidden..][..count * hidden], hidden, count);
+            product(recurrent, 1.0, &states, &dz(self.row[t], count));
+            t = end;
+        }
+    }
+}

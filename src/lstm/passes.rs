@@ -1,0 +1,74 @@
+//! Either way through the steps of some events.
+
+use super::{Carried, Layout, Overlap, Real};
+
+/// How a network goes through events: every window from a zero state, or one state along each event.
+#[derive(Debug)]
+pub enum Passes<T> {
+    /// Windows.
+    Windows(Overlap<T>),
+    /// One state.
+    Carried(Carried<T>),
+}
+
+/// Calls the same function of either.
+macro_rules! either {
+    ($passes:expr, $each:ident => $call:expr) => {
+        match $passes {
+            Passes::Windows($each) => $call,
+            Passes::Carried($each) => $call,
+        }
+    };
+}
+
+impl<T: Real> Passes<T> {
+    /// Windows of the paper's network.
+    #[must_use]
+    pub fn windows(layout: Layout) -> Self {
+        Self::Windows(Overlap::new(layout))
+    }
+
+    /// One state along each event.
+    #[must_use]
+    pub fn carried(layout: Layout) -> Self {
+        Self::Carried(Carried::new(layout))
+    }
+
+    /// Begins with events of these many input steps each, longest first.
+    pub fn begin(&mut self, horizon: usize, input_steps: &[usize]) {
+        either!(self, passes => passes.begin(horizon, input_steps));
+    }
+
+    /// Input steps of the longest event.
+    #[must_use]
+    pub fn steps(&self) -> usize {
+        either!(self, passes => passes.steps())
+    }
+
+    /// Events that step `t` reads: a prefix.
+    #[must_use]
+    pub fn events(&self, t: usize) -> usize {
+        either!(self, passes => passes.events(t))
+    }
+
+    /// Events that answer at step `t`: a prefix.
+    #[must_use]
+    pub fn answering(&self, t: usize) -> usize {
+        either!(self, passes => passes.answering(t))
+    }
+
+    /// Step `t` forward, from its inputs (`events(t)` rows) to one head value per answering event.
+    pub fn forward(&mut self, weights: &[T], t: usize, inputs: &[T]) -> &[T] {
+        either!(self, passes => passes.forward(weights, t, inputs))
+    }
+
+    /// Step `t` backward, from the derivatives by its head values to those by its inputs.
+    pub fn backward(&mut self, weights: &[T], t: usize, dy: &[T], gradient: &mut [T]) -> &[T] {
+        either!(self, passes => passes.backward(weights, t, dy, gradient))
+    }
+
+    /// What of the gradient waited for all steps.
+    pub fn finish(&mut self, gradient: &mut [T]) {
+        either!(self, passes => passes.finish(gradient));
+    }
+}
