@@ -13,7 +13,7 @@ use crate::evaluation::evaluate;
 use crate::training::{self, Interim, Observer};
 
 /// Most test events of a task that are driven on the way.
-const TRACED_EVENTS: usize = 32;
+const TRACED_EVENTS: usize = 64;
 /// Updates at the start of a stage after which the errors are measured finely: the gap opens there.
 const FINE_UPDATES: u64 = 20;
 /// Updates from one measurement to the next, at first and then.

@@ -234,7 +234,10 @@ impl Page<'_> {
 
     fn served(&self, text: &mut String) {
         text.push_str("\n## Served, within the envelope\n\n");
-        line(text, "What the envelope changes on the same test events after the last stage.");
+        line(
+            text,
+            "What the envelope changes on the same test events after the last stage; a car that it keeps from rolling backwards at standstill does not count as acted on.",
+        );
         text.push('\n');
         table(
             text,
