@@ -45,6 +45,8 @@ fn bad_input_is_refused_with_what_is_missing() {
         (&["--events", "good.csv", "--seeds", ""], "--seeds: at least one is needed"),
         (&["--events", "good.csv", "--seeds", "1,x"], "--seeds: \"x\" is not a whole number"),
         (&["--events", "good.csv", "--set", "hiden=3"], "setting hiden: unknown"),
+        (&["--events", "good.csv", "--preset", "papers"], "setting preset:"),
+        (&["--events", "good.csv", "--set", "preset=paper"], "--set preset: --preset says it"),
         (&["--events", "good.csv", "--set", "estimator=empirical"], "method mas: setting estimator:"),
         (&["--events", "good.csv", "--hidden", "0"], "setting hidden: 0 is not within"),
         (&["--events", "good.csv", "--order", "fast,slow"], "the tasks are fast, middle, slow"),

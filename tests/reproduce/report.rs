@@ -117,10 +117,20 @@ fn what_is_left_out_is_said_with_the_reason() {
 
 #[test]
 fn the_page_has_the_tables_and_embeds_figures_that_are_there() {
+    for preset in ["best", "paper"] {
+        page_is_whole(preset);
+    }
+}
+
+fn page_is_whole(preset: &str) {
     let folder = folder(20);
     let output =
-        reproduce(folder.path(), &["--events", "events.csv", "--methods", "joint,naive,ewc"]).args(SMALL).output();
+        reproduce(folder.path(), &["--events", "events.csv", "--methods", "joint,naive,ewc", "--preset", preset])
+            .args(SMALL)
+            .output();
     let report = report(folder.path(), &output.unwrap());
+    let memory = if preset == "paper" { "window" } else { "carried" };
+    assert_eq!((&report["preset"], &report["settings"]["memory"]), (&json!(preset), &json!(memory)));
     let page = fs::read_to_string(folder.path().join("out/report.md")).unwrap();
     for part in [
         "## Spacing error: mean squared error over simulated steps, m²",

@@ -47,6 +47,10 @@ pub(in crate::cli) struct ReproduceArguments {
     /// The formula's λ instead of a strength; as often as needed
     #[arg(long, value_name = "METHOD=X")]
     pub(super) lambda: Vec<String>,
+    /// Where settings come from that are not given: `best`, what drove best when measured, or `paper`, the paper's
+    /// [default: best]
+    #[arg(long, value_name = "NAME")]
+    pub(super) preset: Option<String>,
     /// Hidden units [default: 128]
     #[arg(long, value_name = "N")]
     pub(super) hidden: Option<u32>,
@@ -184,15 +188,19 @@ fn settings(arguments: &ReproduceArguments) -> anyhow::Result<ModelSettings> {
     let mut overrides = Map::new();
     for text in &arguments.settings {
         let (name, value) = text.split_once('=').with_context(|| format!("--set {text}: NAME=VALUE is needed"))?;
-        if let Some((_, flag)) = [("strength", "--strength"), ("lambda", "--lambda"), ("seed", "--seeds")]
-            .into_iter()
-            .find(|(own, _)| *own == name)
+        if let Some((_, flag)) =
+            [("strength", "--strength"), ("lambda", "--lambda"), ("seed", "--seeds"), ("preset", "--preset")]
+                .into_iter()
+                .find(|(own, _)| *own == name)
         {
             bail!("--set {name}: {flag} says it");
         }
         // What is not JSON is a string: --set penalty_step=coupled.
         let value = serde_json::from_str(value).unwrap_or_else(|_| Value::from(value));
         overrides.insert(name.to_owned(), value);
+    }
+    if let Some(preset) = &arguments.preset {
+        overrides.insert("preset".to_owned(), preset.as_str().into());
     }
     for (name, value) in [("hidden", arguments.hidden), ("epochs", arguments.epochs)] {
         if let Some(value) = value {

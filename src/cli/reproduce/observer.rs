@@ -16,8 +16,10 @@ use crate::training::{self, Interim, Observer};
 const TRACED_EVENTS: usize = 64;
 /// Updates at the start of a stage after which the errors are measured finely: the gap opens there.
 const FINE_UPDATES: u64 = 20;
-/// Updates from one measurement to the next, at first and then.
-const TRACED_EVERY: [u64; 2] = [2, 10];
+/// Updates from one measurement to the next, at first.
+const TRACED_EVERY: u64 = 2;
+/// Measurements over the whole stage, about.
+const TRACED_POINTS: u64 = 25;
 
 /// Errors on the way through a stage.
 pub(super) struct Trace<'a> {
@@ -86,7 +88,8 @@ impl<'a, 'w> StageObserver<'a, 'w> {
 impl Observer for StageObserver<'_, '_> {
     fn weights(&mut self, progress: &training::Progress, scaling: &Scaling, weights: &[f32]) {
         let Some(trace) = &mut self.trace else { return };
-        let every = TRACED_EVERY[usize::from(progress.update > FINE_UPDATES)];
+        let fine = progress.update <= FINE_UPDATES;
+        let every = if fine { TRACED_EVERY } else { progress.updates.div_ceil(TRACED_POINTS).max(TRACED_EVERY) };
         if progress.update == 1 || progress.update.is_multiple_of(every) || progress.update == progress.updates {
             trace.measure(progress.update, scaling, weights);
         }

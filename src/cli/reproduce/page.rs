@@ -9,7 +9,7 @@ use super::arguments::{Options, ReproduceArguments};
 use super::figures::Figure;
 use super::paper;
 use super::plan::Told;
-use super::report::{mean_lambda, strength};
+use super::report::{mean_lambda, preset, strength};
 use super::results::{Estimate, Learnt, Results};
 use super::safety::{self, Assessed};
 use crate::protocol::{Measure, Tally};
@@ -50,10 +50,11 @@ impl Page<'_> {
         line(
             text,
             &format!(
-                "{} events, tasks learned in the order {}, seeds {}, {} hidden units, {} epochs a task.",
+                "{} events, tasks learned in the order {}, seeds {}, preset {}, {} hidden units, {} epochs a task.",
                 self.told.events,
                 self.names().join(", "),
                 seeds.join(", "),
+                preset(self.arguments),
                 self.options.settings.hidden,
                 self.options.settings.epochs
             ),

@@ -20,6 +20,8 @@ pub(super) struct Report {
     events: usize,
     split_mps: Option<Vec<f64>>,
     seeds: Vec<u64>,
+    /// Where the settings that were not given come from.
+    preset: String,
     settings: Value,
     /// In the order learned; for each name the columns of every R.
     tasks: Vec<String>,
@@ -170,6 +172,7 @@ impl Report {
             events: told.events,
             split_mps: told.split_mps.clone(),
             seeds: options.seeds.clone(),
+            preset: preset(arguments).to_owned(),
             settings: serde_json::to_value(&options.settings).expect("settings are plain data"),
             tasks: told.tasks.iter().map(|task| task.name.clone()).collect(),
             methods: methods.map(|learnt| (learnt.method.as_str(), method(options, results, learnt))).collect(),
@@ -227,6 +230,11 @@ fn method(options: &Options, results: &Results, learnt: &Learnt) -> MethodReport
         measures: measures(results, learnt),
         search: learnt.choice.search.clone(),
     }
+}
+
+/// Where the settings that were not given come from.
+pub(super) fn preset(arguments: &ReproduceArguments) -> &str {
+    arguments.preset.as_deref().unwrap_or("best")
 }
 
 /// The strength used; none where there is none, or λ was given.
