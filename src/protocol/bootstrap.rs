@@ -48,13 +48,16 @@ impl Bootstrap {
         statistic(&self.whole)
     }
 
-    /// The interval of a number; none when fewer than half of the resamples have it, or there is but one run.
+    /// The interval of a number; none when fewer than half of the resamples have it, or none of them differs: without a
+    /// collision, or with one run, they tell nothing about how sure the number is.
     pub fn interval(&self, statistic: impl Fn(&Draw) -> Option<f64>) -> Option<[f64; 2]> {
         let mut values: Vec<f64> = self.draws.iter().filter_map(statistic).filter(|x| x.is_finite()).collect();
-        if self.whole.runs.len() < 2 || values.is_empty() || values.len() * 2 < self.draws.len() {
+        values.sort_by(f64::total_cmp);
+        let (least, greatest) = (values.first()?, values.last()?);
+        let differ = greatest - least > 1e-9 * greatest.abs();
+        if !differ || values.len() * 2 < self.draws.len() {
             return None;
         }
-        values.sort_by(f64::total_cmp);
         let tail = (1.0 - self.level) / 2.0;
         Some([quantile(&values, tail), quantile(&values, 1.0 - tail)])
     }
@@ -96,7 +99,9 @@ mod tests {
 
     #[test]
     fn one_run_tells_nothing_and_numbers_that_are_seldom_there_have_no_interval() {
-        assert_eq!(Bootstrap::new(1, 3, 100, 0.95, 7).interval(|_| Some(1.0)), None);
+        let of_one = |draw: &Draw| Some(draw.runs[0] / draw.runs.iter().sum::<f64>());
+        assert_eq!(Bootstrap::new(1, 3, 100, 0.95, 7).interval(of_one), None);
+        assert_eq!(Bootstrap::new(9, 3, 100, 0.95, 7).interval(|_| Some(0.0)), None);
         let seldom = |draw: &Draw| (draw.runs[0] > 2.0).then_some(1.0);
         assert_eq!(Bootstrap::new(9, 1, 500, 0.95, 7).interval(seldom), None);
     }

@@ -160,7 +160,7 @@ impl Page<'_> {
         text.push('\n');
         line(
             text,
-            "Means over seeds; in parentheses 95 % intervals; cells in italics are tasks that the stage had not seen yet.",
+            "Means over seeds; in parentheses 95 % intervals, none where no resample differs; cells in italics are tasks that the stage had not seen yet.",
         );
         if thirds {
             line(
