@@ -46,6 +46,10 @@ fn every_method_has_full_tables_and_stage_one_is_one() {
         let lambda: Vec<_> = method["lambda"].as_array().into_iter().flatten().map(Value::is_number).collect();
         assert_eq!(lambda, if consolidates { vec![false, true, true] } else { Vec::new() }, "{name}");
         assert!(method["train_events_per_s"].as_f64().unwrap() > 0.0);
+        assert_eq!(method["search"].is_object(), consolidates, "{name}");
+        if consolidates {
+            the_best_candidate_was_taken(method);
+        }
     }
     let first = |method: &str| report["methods"][method]["per_seed"][0]["weights_sha256"][0].clone();
     for method in ["ewc", "mas", "si", "replay", "replay_ewc", "replay_mas"] {
@@ -159,4 +163,17 @@ fn page_is_whole(preset: &str) {
     let lambdas: Vec<_> = sweep.iter().map(|point| point["lambda"].as_f64().unwrap()).collect();
     assert!(lambdas.len() == 5 && lambdas.is_sorted_by(|a, b| a < b), "{lambdas:?}");
     assert_eq!(report["safety"].as_array().unwrap().len(), 7, "three methods alone and served, and the IDM");
+}
+
+/// By the rule that the report states: fewest collisions, then least cost.
+fn the_best_candidate_was_taken(method: &Value) {
+    let search = &method["search"];
+    let key = |candidate: &Value| (candidate["collisions"].as_u64().unwrap(), candidate["cost"].as_f64().unwrap());
+    let candidates = search["candidates"].as_array().unwrap();
+    assert_eq!(candidates.len(), 5);
+    let taken = candidates.iter().find(|candidate| candidate["strength"] == search["chosen"]).unwrap();
+    assert!(candidates.iter().all(|candidate| key(taken) <= key(candidate)), "{search}");
+    assert_eq!(method["strength"], search["chosen"]);
+    let costs: std::collections::BTreeSet<_> = candidates.iter().map(|c| c["cost"].to_string()).collect();
+    assert!(costs.len() > 1, "strengths make a difference: {costs:?}");
 }

@@ -3,6 +3,7 @@
 use serde_json::Value;
 
 use super::arguments::Strength;
+use super::search;
 use super::work::Work;
 use crate::consolidation::Method;
 
@@ -14,7 +15,10 @@ pub(super) struct Choice {
     pub(super) search: Value,
 }
 
-/// The one place where a strength is chosen: as told, else the method's default.
-pub(super) fn choose(work: &Work<'_>, method: Method) -> Choice {
-    Choice { strength: work.options.strength(method), search: Value::Null }
+/// The one place where a strength is chosen: as told, else searched.
+pub(super) fn choose(work: &Work<'_>, method: Method) -> anyhow::Result<Choice> {
+    if search::is_searched(work, method) {
+        return search::search(work, method);
+    }
+    Ok(Choice { strength: work.options.strength(method), search: Value::Null })
 }

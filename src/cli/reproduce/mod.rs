@@ -28,6 +28,8 @@ mod report;
 mod results;
 /// Where it is hard.
 mod safety;
+/// The strength, found.
+mod search;
 /// Tasks and sides from a file.
 mod splits_file;
 /// Stages on disk.
@@ -116,13 +118,19 @@ fn learn(
     plan: &Plan,
     work: &mut Work<'_>,
 ) -> anyhow::Result<(Results, Vec<Sweep>)> {
-    let choices: Vec<_> = options.methods.iter().map(|&method| (method, choice::choose(work, method))).collect();
+    let searched: Vec<_> = options.methods.iter().flat_map(|&method| search::stages(work, method)).collect();
+    if !searched.is_empty() {
+        work.progress.say("searching strengths on validation events");
+        work.survey(&searched);
+    }
+    let choice = |&method| Ok((method, choice::choose(work, method)?));
+    let choices = options.methods.iter().map(choice).collect::<anyhow::Result<Vec<_>>>()?;
     let lines = |seed| choices.iter().map(move |(method, choice)| (*method, seed, choice.strength));
     let all: Vec<_> = options.seeds.iter().flat_map(|&seed| lines(seed)).collect();
     let stages: Vec<_> = all.iter().flat_map(|&(method, seed, strength)| work.stages(method, seed, strength)).collect();
     let swept = !arguments.no_figures && !arguments.no_sweep;
     let sweep = choices.iter().filter(|_| swept).flat_map(|(method, choice)| sweep::stages(work, *method, choice));
-    let stages: Vec<_> = stages.into_iter().chain(sweep).collect();
+    let stages: Vec<_> = searched.into_iter().chain(stages).chain(sweep).collect();
     work.survey(&stages);
     let runs = Runs::of(plan);
     let mut learnt: Vec<_> = choices.iter().map(|_| Vec::new()).collect();

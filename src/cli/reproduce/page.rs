@@ -31,6 +31,7 @@ impl Page<'_> {
         let mut text = String::from("# Learning car-following task by task\n\n");
         self.summary(&mut text);
         self.tables(&mut text);
+        self.searches(&mut text);
         self.comparisons(&mut text);
         self.references(&mut text);
         self.served(&mut text);
@@ -167,6 +168,38 @@ impl Page<'_> {
                 text,
                 "The paper's figures are of its own 20,724 events and its own settings, which it does not state in full: a target for accuracy, not cells to be met one by one.",
             );
+        }
+    }
+
+    /// What each search for a strength saw.
+    fn searches(&self, text: &mut String) {
+        let searched = |learnt: &&Learnt| learnt.choice.search["candidates"].is_array();
+        let searched: Vec<_> = self.results.methods.iter().filter(searched).collect();
+        if searched.is_empty() {
+            return;
+        }
+        text.push_str("\n## How strongly to hold on\n\n");
+        line(
+            text,
+            "Strengths were tried with the first seed and judged on validation events of every task, also of those learned earlier; test events were not looked at.",
+        );
+        line(
+            text,
+            "Taken is the one with the fewest collided events of tasks seen, then with the least cost: the mean over tasks of R[T,j] over naive's R[j,j].",
+        );
+        text.push('\n');
+        table(text, &["method", "strength", "cost", "forgetting", "plasticity", "collided events", ""]);
+        for learnt in searched {
+            let search = &learnt.choice.search;
+            for candidate in search["candidates"].as_array().into_iter().flatten() {
+                let number = |name: &str| format!("{:.3}", candidate[name].as_f64().unwrap_or(f64::NAN));
+                let taken = if candidate["strength"] == search["chosen"] { "taken" } else { "" };
+                let strength = candidate["strength"].to_string();
+                let name = learnt.method.as_str().to_owned();
+                let cells = [name, strength, number("cost"), number("forgetting_ratio"), number("plasticity_loss")];
+                let rest = [candidate["collisions"].to_string(), taken.to_owned()];
+                row(text, &cells.into_iter().chain(rest).collect::<Vec<_>>());
+            }
         }
     }
 

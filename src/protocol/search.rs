@@ -1,0 +1,81 @@
+//! Which strength of consolidation is best, from validation events.
+
+/// What one strength came to on validation events.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Candidate {
+    /// The strength.
+    pub strength: f64,
+    /// Spacing MSE, stages × tasks, m².
+    pub spacing_mse: Vec<Vec<f64>>,
+    /// Collided events of tasks seen, the stage where they are most.
+    pub collisions: u32,
+}
+
+impl Candidate {
+    /// `(1/T) Σ_j R[T,j] / N[j,j]`: the error after the last stage over that of `naive` when it had just learned the task,
+    /// the mean over the tasks. Forgetting raises it by the early tasks, rigidity by the late ones, and no task counts more
+    /// for being harder.
+    #[must_use]
+    pub fn cost(&self, naive_diagonal: &[f64]) -> f64 {
+        let last = self.spacing_mse.last().map_or(&[][..], Vec::as_slice);
+        let ratios = last.iter().zip(naive_diagonal).map(|(error, naive)| error / naive.max(f64::MIN_POSITIVE));
+        ratios.sum::<f64>() / naive_diagonal.len().max(1) as f64
+    }
+
+    /// Mean over the tasks but the last of `R[T,j] / R[j,j]`.
+    #[must_use]
+    pub fn forgetting_ratio(&self) -> f64 {
+        let last = self.spacing_mse.len() - 1;
+        let ratio = |task: usize| self.spacing_mse[last][task] / self.spacing_mse[task][task];
+        (0..last).map(ratio).sum::<f64>() / last.max(1) as f64
+    }
+
+    /// Mean over the tasks but the first of `R[j,j] / N[j,j]`.
+    #[must_use]
+    pub fn plasticity_loss(&self, naive_diagonal: &[f64]) -> f64 {
+        let ratio = |task: usize| self.spacing_mse[task][task] / naive_diagonal[task];
+        (1..naive_diagonal.len()).map(ratio).sum::<f64>() / (naive_diagonal.len() - 1).max(1) as f64
+    }
+}
+
+/// The place of the best candidate: the fewest collisions first, then the least cost, then the least strength.
+#[must_use]
+pub fn best(candidates: &[Candidate], naive_diagonal: &[f64]) -> Option<usize> {
+    let key = |place: &usize| {
+        let candidate = &candidates[*place];
+        (candidate.collisions, candidate.cost(naive_diagonal), candidate.strength)
+    };
+    (0..candidates.len()).min_by(|a, b| {
+        let (a, b) = (key(a), key(b));
+        a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)).then(a.2.total_cmp(&b.2))
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn candidate(strength: f64, spacing_mse: [[f64; 2]; 2], collisions: u32) -> Candidate {
+        Candidate { strength, spacing_mse: spacing_mse.map(|row| row.to_vec()).to_vec(), collisions }
+    }
+
+    #[test]
+    fn the_front_is_judged_by_both_ends() {
+        let naive = [20.0, 8.0];
+        let free = candidate(0.1, [[20.0, 30.0], [40.0, 8.0]], 0);
+        let held = candidate(1.0, [[20.0, 30.0], [22.0, 8.8]], 0);
+        let stiff = candidate(10.0, [[20.0, 30.0], [20.0, 16.0]], 0);
+        assert!((free.cost(&naive) - 1.5).abs() < 1e-12 && (held.cost(&naive) - 1.1).abs() < 1e-12);
+        assert!((stiff.cost(&naive) - 1.5).abs() < 1e-12);
+        assert!((held.forgetting_ratio() - 1.1).abs() < 1e-12 && (held.plasticity_loss(&naive) - 1.1).abs() < 1e-12);
+        assert_eq!(best(&[free, held, stiff], &naive), Some(1));
+    }
+
+    #[test]
+    fn a_collision_outweighs_every_error_and_nothing_is_best_of_nothing() {
+        let crashing = candidate(0.1, [[20.0, 8.0], [20.0, 8.0]], 1);
+        let safe = candidate(1.0, [[20.0, 8.0], [30.0, 9.0]], 0);
+        assert_eq!(best(&[crashing, safe], &[20.0, 8.0]), Some(1));
+        assert_eq!(best(&[], &[20.0, 8.0]), None);
+    }
+}
