@@ -1,6 +1,6 @@
 //! Linear quantiles.
 
-/// x[i] + f (x[i + 1] − x[i]) with i + f = q (n − 1), i whole and f in [0, 1): the definition of R's type 7 and of `NumPy`.
+/// `x[i] + f (x[i + 1] − x[i])` with i + f = q (n − 1), i whole and f in [0, 1): the definition of R's type 7 and of `NumPy`.
 ///
 /// # Panics
 /// Without values.

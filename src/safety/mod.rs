@@ -1,9 +1,9 @@
 //! Safety: what keeps a served driver from colliding, and how close a driver comes.
 //!
-//! [`Envelope`] bounds what is served. The rest measures any driver the same way: [`assess`] takes a set of
-//! [`stress_set`] scenarios, a [`Platoon`] and a function that drives events closed loop (`&[Event]` to `Vec<Trajectory>`, in
-//! their order), and gives a [`SafetyReport`] that serialises; [`markdown`] puts reports of several drivers side by side.
-//! `evaluation::drive_events` drives a network so, with the envelope and without; a `reference::Driven` is a [`Trajectory`] too.
+//! `Envelope` bounds what is served. The rest measures any driver the same way: `assess` takes a set of
+//! `stress_set` scenarios, a `Platoon` and a function that drives events closed loop (`&[Event]` to `Vec<Trajectory>`, in
+//! their order), and gives a `SafetyReport` that serialises; `markdown` puts reports of several drivers side by side.
+//! `evaluation::drive_events` drives a network so, with the envelope and without; a `reference::Driven` is a `Trajectory` too.
 
 mod assess;
 mod envelope;

@@ -18,7 +18,7 @@ pub struct Surrogates {
     pub min_spacing_m: f64,
     /// Hardest braking, m/s², ≥ 0.
     pub max_braking_mps2: f64,
-    /// Root mean square of the jerk (a[t+1] − a[t]) / dt, m/s³.
+    /// Root mean square of the jerk `(a[t+1] − a[t]) / dt`, m/s³.
     pub jerk_rms_mps3: f64,
     /// Greatest absolute jerk, m/s³.
     pub jerk_max_mps3: f64,

@@ -34,7 +34,7 @@ struct ModelReport<'a> {
     spacing_mse: Vec<Vec<Option<f64>>>,
     speed_mse: Vec<Vec<Option<f64>>>,
     collision_rate_percent: Vec<Vec<Option<f64>>>,
-    /// Of each task but the last: R[3,j] / R[j,j].
+    /// Of each task but the last: `R[3,j] / R[j,j]`.
     forgetting_ratio: Vec<Option<f64>>,
 }
 
