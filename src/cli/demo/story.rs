@@ -82,7 +82,9 @@ impl<'a> Story<'a> {
 
     /// Two models that differ in their method alone.
     pub(super) async fn create_models(&self) -> anyhow::Result<()> {
+        // The paper's settings forget more, and this is to show what forgetting is.
         let mut settings = Map::from_iter([
+            ("preset".to_owned(), json!("paper")),
             ("schedule".to_owned(), json!("manual")),
             ("promotion".to_owned(), json!("auto")),
             ("seed".to_owned(), json!(self.arguments.seed)),
