@@ -38,17 +38,20 @@ impl Candidate {
     }
 }
 
-/// The place of the best candidate: the fewest collisions first, then the least cost, then the least strength.
+/// Costs that differ by less than this share are the same: so much lies between two seeds of one setting.
+const INDIFFERENCE: f64 = 0.05;
+
+/// The place of the best candidate: of those with the fewest collisions, and among them a cost that is as good as the least,
+/// the strongest. Where the front is flat it is the one that holds on hardest, since what comes later is not known
+/// (as the one-standard-error rule of Breiman et al. 1984 takes the simplest).
 #[must_use]
 pub fn best(candidates: &[Candidate], naive_diagonal: &[f64]) -> Option<usize> {
-    let key = |place: &usize| {
-        let candidate = &candidates[*place];
-        (candidate.collisions, candidate.cost(naive_diagonal), candidate.strength)
-    };
-    (0..candidates.len()).min_by(|a, b| {
-        let (a, b) = (key(a), key(b));
-        a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)).then(a.2.total_cmp(&b.2))
-    })
+    let fewest = candidates.iter().map(|candidate| candidate.collisions).min()?;
+    let safe: Vec<usize> = (0..candidates.len()).filter(|&place| candidates[place].collisions == fewest).collect();
+    let cost = |place: &usize| candidates[*place].cost(naive_diagonal);
+    let least = safe.iter().map(cost).min_by(f64::total_cmp)?;
+    let as_good = safe.into_iter().filter(|place| cost(place) <= (1.0 + INDIFFERENCE) * least);
+    as_good.max_by(|&a, &b| candidates[a].strength.total_cmp(&candidates[b].strength))
 }
 
 #[cfg(test)]
@@ -69,6 +72,13 @@ mod tests {
         assert!((stiff.cost(&naive) - 1.5).abs() < 1e-12);
         assert!((held.forgetting_ratio() - 1.1).abs() < 1e-12 && (held.plasticity_loss(&naive) - 1.1).abs() < 1e-12);
         assert_eq!(best(&[free, held, stiff], &naive), Some(1));
+    }
+
+    #[test]
+    fn where_the_front_is_flat_the_strongest_is_taken() {
+        let each = [(0.1, 8.0), (1.0, 8.3), (3.0, 8.7), (10.0, 12.0)];
+        let candidates = each.map(|(strength, last)| candidate(strength, [[20.0, 30.0], [20.0, last]], 0));
+        assert_eq!(best(&candidates, &[20.0, 8.0]), Some(2), "costs 1, 1.02, 1.04 and 1.25");
     }
 
     #[test]

@@ -185,7 +185,7 @@ impl Page<'_> {
         );
         line(
             text,
-            "Taken is the one with the fewest collided events of tasks seen, then with the least cost: the mean over tasks of R[T,j] over naive's R[j,j].",
+            "Of those with the fewest collided events of tasks seen, the strongest is taken that is within 5 % of the least cost: the mean over tasks of R[T,j] over naive's R[j,j].",
         );
         text.push('\n');
         table(text, &["method", "strength", "cost", "forgetting", "plasticity", "collided events", ""]);
