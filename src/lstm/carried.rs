@@ -24,7 +24,7 @@ pub struct Carried<T> {
     dh: Vec<T>,
     dc: Vec<T>,
     dc_before: Vec<T>,
-    /// Derivatives by the gates of one step; windows would share it, here it is each row's own.
+    /// Where the gates' backward pass sums what windows that share an input would; here nothing is shared, or read.
     dz_sum: Vec<T>,
     outputs: Vec<T>,
     dx: Vec<T>,
@@ -90,6 +90,7 @@ impl<T: Real> Carried<T> {
             buffer.fill(T::zero());
         }
         grow(&mut self.dz_sum, most * gates);
+        self.dz_sum.fill(T::zero());
         grow(&mut self.projected, most * gates);
     }
 
