@@ -1,4 +1,4 @@
-//! Learns recorded events and measures how safely the network drives, alone and as it is served, beside calibrated IDM:
+//! Learns recorded events with the settings of the paper and measures how safely the network drives, alone and as it is served, beside calibrated IDM:
 //! `cargo run --release --example assess_safety -- METHOD HIDDEN SEED SPLITS.csv EVENTS.parquet…`.
 //!
 //! SPLITS has the columns `event_id, task, split`; tasks are learned in the order of their numbers, events cut to 150 steps.
@@ -39,7 +39,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     };
     let method = serde_json::from_value::<Method>(method.as_str().into())?;
     let (hidden, seed): (u32, u64) = (hidden.parse()?, seed.parse()?);
-    let settings = ModelSettings { hidden, seed, ..ModelSettings::default() }.learning();
+    let settings = ModelSettings { hidden, seed, ..headway::lineage::Preset::Paper.settings() }.learning();
     let tasks = tasks(splits, files)?;
     let workers = rayon::ThreadPoolBuilder::new().num_threads(2).build()?;
     let learned = learn(method, &settings, &tasks, &workers)?;

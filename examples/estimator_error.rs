@@ -64,7 +64,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let [events, hidden] = arguments.as_slice() else {
         return Err("two arguments, please: the number of events and of hidden units".into());
     };
-    let settings = ModelSettings { hidden: hidden.parse()?, ..ModelSettings::default() };
+    let settings = ModelSettings { hidden: hidden.parse()?, ..headway::lineage::Preset::Paper.settings() };
     let lengths = TrafficSettings { min_steps: 150, max_steps: 150, ..TrafficSettings::default() };
     let generated = generate(TrafficRegime::Slow, 42, events.parse()?, &lengths);
     let events: Vec<Event> = generated.into_iter().map(|generated| generated.event).collect();
