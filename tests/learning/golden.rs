@@ -2,34 +2,61 @@
 
 use headway::car_following::Event;
 use headway::driver::{Crew, DriverShape, Scaling};
-use headway::lstm::{INPUTS, Layout, Real};
+use headway::lstm::Real;
 use headway::training::{Adam, Penalties, clip_norm, minibatch_gradient};
 use serde::Deserialize;
 
 #[derive(Deserialize)]
 struct Golden {
+    #[serde(flatten)]
+    driver: GoldenDriver,
+    learning_rate: f32,
+    clip_norm: f32,
+    updates: Vec<Update>,
+}
+
+/// A network and the events it drives behind, as every golden file has them.
+#[derive(Deserialize)]
+pub(super) struct GoldenDriver {
     hidden: usize,
     horizon: usize,
     dt_s: f32,
     accel_limit_mps2: f32,
-    learning_rate: f32,
-    clip_norm: f32,
     mean: [f32; 4],
     spread: [f32; 4],
     events: Vec<GoldenEvent>,
-    weights: Tensors,
-    updates: Vec<Update>,
+    pub(super) weights: Tensors,
+}
+
+impl GoldenDriver {
+    pub(super) fn shape(&self) -> DriverShape {
+        DriverShape {
+            hidden: self.hidden,
+            horizon: self.horizon,
+            dt_s: self.dt_s,
+            accel_limit_mps2: self.accel_limit_mps2,
+            ..DriverShape::PAPER
+        }
+    }
+
+    pub(super) fn scaling(&self) -> Scaling {
+        Scaling { mean: self.mean, spread: self.spread, low: [0.0; 4], high: [0.0; 4], motion: None }
+    }
+
+    pub(super) fn events(&self) -> Vec<Event> {
+        self.events.iter().map(|event| event.event(self.dt_s)).collect()
+    }
 }
 
 #[derive(Deserialize)]
-pub(super) struct GoldenEvent {
+struct GoldenEvent {
     spacing_m: Vec<f32>,
     follower_speed_mps: Vec<f32>,
     leader_speed_mps: Vec<f32>,
 }
 
 impl GoldenEvent {
-    pub(super) fn event(&self, dt_s: f32) -> Event {
+    fn event(&self, dt_s: f32) -> Event {
         let [spacing, follower, leader] =
             [&self.spacing_m, &self.follower_speed_mps, &self.leader_speed_mps].map(Clone::clone);
         Event::new(f64::from(dt_s), spacing, follower, leader)
@@ -68,15 +95,7 @@ struct Case {
 
 fn case() -> Case {
     let golden: Golden = serde_json::from_str(include_str!("../golden/gradients.json")).unwrap();
-    let shape = DriverShape {
-        hidden: golden.hidden,
-        horizon: golden.horizon,
-        dt_s: golden.dt_s,
-        accel_limit_mps2: golden.accel_limit_mps2,
-        ..DriverShape::PAPER
-    };
-    let scaling = Scaling { mean: golden.mean, spread: golden.spread, low: [0.0; 4], high: [0.0; 4], motion: None };
-    let events = golden.events.iter().map(|event| event.event(golden.dt_s)).collect();
+    let (shape, scaling, events) = (golden.driver.shape(), golden.driver.scaling(), golden.driver.events());
     Case { golden, shape, scaling, events }
 }
 
@@ -104,8 +123,8 @@ fn wide_weights(weights: &[f32]) -> Vec<f64> {
 #[test]
 fn every_gradient_agrees_with_torch_at_the_same_weights() {
     let case = case();
-    let mut weights = case.golden.weights.flat();
-    assert_eq!(weights.len(), Layout { hidden: case.golden.hidden, inputs: INPUTS }.len());
+    let mut weights = case.golden.driver.weights.flat();
+    assert_eq!(weights.len(), case.shape.layout().len());
     for (update, theirs) in case.golden.updates.iter().enumerate() {
         let (loss, gradient) = gradient_of(&case, &weights, 0.0);
         let expected = theirs.gradient.flat();
@@ -120,7 +139,7 @@ fn every_gradient_agrees_with_torch_at_the_same_weights() {
 #[test]
 fn ten_updates_lead_where_torch_leads() {
     let case = case();
-    let mut weights = case.golden.weights.flat();
+    let mut weights = case.golden.driver.weights.flat();
     let mut adam = Adam::new(weights.len());
     for (update, theirs) in case.golden.updates.iter().enumerate() {
         let (loss, mut gradient) = gradient_of(&case, &weights, 0.0);
@@ -136,7 +155,7 @@ fn ten_updates_lead_where_torch_leads() {
 #[test]
 fn with_a_margin_too_the_gradient_is_the_derivative_of_the_loss() {
     let case = case();
-    let mut weights = wide_weights(&case.golden.weights.flat());
+    let mut weights = wide_weights(&case.golden.driver.weights.flat());
     let (plain, _) = gradient_of::<f64>(&case, &weights, 0.0);
     let (loss, gradient) = gradient_of::<f64>(&case, &weights, 4.0);
     assert!(loss > plain, "the case comes close enough for the margin to matter");

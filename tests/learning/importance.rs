@@ -6,18 +6,12 @@ use headway::driver::{Crew, Drive, DriverShape, Loop, Scaling};
 use headway::lstm::Real;
 use serde::Deserialize;
 
-use super::golden::{GoldenEvent, Tensors};
+use super::golden::GoldenDriver;
 
 #[derive(Deserialize)]
 struct Golden {
-    hidden: usize,
-    horizon: usize,
-    dt_s: f32,
-    accel_limit_mps2: f32,
-    mean: [f32; 4],
-    spread: [f32; 4],
-    events: Vec<GoldenEvent>,
-    weights: Tensors,
+    #[serde(flatten)]
+    driver: GoldenDriver,
     samples: u64,
     fisher: Over,
     jacobian: Over,
@@ -56,16 +50,8 @@ struct Case {
 
 fn case() -> Case {
     let golden: Golden = serde_json::from_str(include_str!("../golden/importance.json")).unwrap();
-    let shape = DriverShape {
-        hidden: golden.hidden,
-        horizon: golden.horizon,
-        dt_s: golden.dt_s,
-        accel_limit_mps2: golden.accel_limit_mps2,
-        ..DriverShape::PAPER
-    };
-    let scaling = Scaling { mean: golden.mean, spread: golden.spread, low: [0.0; 4], high: [0.0; 4], motion: None };
-    let events = golden.events.iter().map(|event| event.event(golden.dt_s)).collect();
-    let weights = golden.weights.flat();
+    let (shape, scaling, events) = (golden.driver.shape(), golden.driver.scaling(), golden.driver.events());
+    let weights = golden.driver.weights.flat();
     Case { golden, shape, scaling, events, weights }
 }
 
