@@ -32,7 +32,7 @@ pub(super) fn open_loop<T: Real>(
 }
 
 /// The same over any scalars, one backward pass for each: what the quicker ways are checked against, and the only exact one
-/// for the closed loop, where every step is an outcome of all before it.
+/// for the closed loop and for a carried state, where every step is an outcome of all before it.
 pub(super) fn one_by_one<T: Real>(
     drive: &mut Drive<T>,
     scalars: Scalars,
