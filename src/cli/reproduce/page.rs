@@ -185,7 +185,7 @@ impl Page<'_> {
         );
         line(
             text,
-            "Of those with the fewest collided events of tasks seen, the strongest is taken that is within 5 % of the least cost: the mean over tasks of R[T,j] over naive's R[j,j].",
+            "Of those with the fewest collided events of tasks seen, those within 5 % of the least cost are kept, the mean over tasks of R[T,j] over naive's R[j,j]; of these those within 5 % of the least greater one of forgetting, plasticity loss and 1; and of these the strongest is taken.",
         );
         text.push('\n');
         table(text, &["method", "strength", "cost", "forgetting", "plasticity", "collided events", ""]);

@@ -101,7 +101,7 @@ fn seen(seed: u64, chosen: f64, candidates: &[Candidate], naive_diagonal: &[f64]
         "events": "validation events of every task, also of those learned earlier",
         "seed": seed,
         "chosen": chosen,
-        "rule": "fewest collisions on tasks seen; then the strongest within 5 % of the least cost, the mean over tasks of R[T,j] / naive's R[j,j]",
+        "rule": "fewest collisions on tasks seen; of these within 5 % of the least cost, the mean over tasks of R[T,j] / naive's R[j,j]; of these within 5 % of the least greater of forgetting ratio, plasticity loss and 1; of these the strongest",
         "naive_diagonal": naive_diagonal,
         "candidates": each.collect::<Vec<_>>(),
     })
