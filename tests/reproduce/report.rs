@@ -38,9 +38,11 @@ fn every_method_has_full_tables_and_stage_one_is_one() {
                 }
             }
         }
-        let served = numbers(&method["served"]["acted_percent"]);
-        assert_eq!((served.len(), numbers(&method["served"]["spacing_mse"]).len()), (stages, stages), "{name}");
-        assert!(served.iter().flatten().all(|percent| (0.0..=100.0).contains(percent)));
+        assert_eq!(numbers(&method["served"]["spacing_mse"]).len(), stages, "{name}");
+        let [acted, held] = ["acted_percent", "held_percent"].map(|share| numbers(&method["served"][share]));
+        assert_eq!((acted.len(), held.len()), (stages, stages), "{name}");
+        let both = acted.iter().flatten().zip(held.iter().flatten()).map(|(acted, held)| acted + held);
+        assert!(both.clone().count() == 3 * stages && both.into_iter().all(|percent| (0.0..=100.0).contains(&percent)));
         let consolidates = !["joint", "naive", "replay"].contains(&name.as_str());
         assert_eq!(method["strength"].is_number(), consolidates, "{name}");
         let lambda: Vec<_> = method["lambda"].as_array().into_iter().flatten().map(Value::is_number).collect();
@@ -152,6 +154,10 @@ fn page_is_whole(preset: &str) {
     let cell = format!("{:.2} (", report["methods"]["joint"]["spacing_mse"][0][1].as_f64().unwrap());
     let row = page.lines().find(|line| line.starts_with("| joint | middle |")).unwrap();
     assert!(row.contains(&cell), "{row} has the number of report.json, {cell}");
+    let held = format!("{:.3} |", report["methods"]["ewc"]["served"]["held_percent"][2][2].as_f64().unwrap());
+    let served =
+        page.split_once("## Served").unwrap().1.lines().find(|line| line.starts_with("| ewc | slow |")).unwrap();
+    assert!(page.contains("| held, % of steps |") && served.ends_with(&held), "{served} ends with {held}");
     let figures: Vec<_> = page.split("](").skip(1).map(|rest| rest.split(')').next().unwrap()).collect();
     assert_eq!(figures.len(), 7, "{figures:?}");
     for figure in figures {

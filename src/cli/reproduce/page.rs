@@ -270,7 +270,7 @@ impl Page<'_> {
         text.push_str("\n## Served, within the envelope\n\n");
         line(
             text,
-            "What the envelope changes on the same test events after the last stage; a car that it keeps from rolling backwards at standstill does not count as acted on.",
+            "What the envelope changes on the same test events after the last stage: it acts for the leader's sake, and it holds a car that would else drive backwards.",
         );
         text.push('\n');
         table(
@@ -282,13 +282,15 @@ impl Page<'_> {
                 "over the network's",
                 "collisions, %",
                 "envelope acted, % of steps",
+                "held, % of steps",
             ],
         );
         for learnt in &self.results.methods {
             let matrix = |tally, measure| self.results.matrix(tally, measure).pop().expect("a method has a stage");
             let (served, alone) = (matrix(&learnt.served, Measure::Spacing), matrix(&learnt.tally, Measure::Spacing));
             let collisions = matrix(&learnt.served, Measure::Collisions);
-            let acted = learnt.acted_percent(0..learnt.seeds.len()).pop().expect("a method has a stage");
+            let [acted, held] = [Learnt::acted_percent, Learnt::held_percent]
+                .map(|percent| percent(learnt, 0..learnt.seeds.len()).pop().expect("a method has a stage"));
             for (task, name) in self.names().into_iter().enumerate() {
                 row(
                     text,
@@ -299,6 +301,7 @@ impl Page<'_> {
                         format!("{:.4}", served[task] / alone[task]),
                         format!("{:.2}", collisions[task]),
                         format!("{:.3}", acted[task]),
+                        format!("{:.3}", held[task]),
                     ],
                 );
             }

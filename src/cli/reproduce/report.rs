@@ -53,8 +53,10 @@ struct Tables {
 struct Served {
     #[serde(flatten)]
     tables: Tables,
-    /// Share of the simulated steps on which the envelope acted, %.
+    /// Share of the simulated steps on which the envelope acted for the leader's sake, %.
     acted_percent: Matrix,
+    /// Share of those on which it only kept the follower from driving backwards, %.
+    held_percent: Matrix,
 }
 
 #[derive(Debug, Serialize)]
@@ -208,6 +210,7 @@ fn method(options: &Options, results: &Results, learnt: &Learnt) -> MethodReport
             served: Served {
                 tables: tables(|measure| results.matrix_of_seed(&learnt.served, measure, seed)),
                 acted_percent: learnt.acted_percent(seed..seed + 1),
+                held_percent: learnt.held_percent(seed..seed + 1),
             },
         }
     });
@@ -220,6 +223,7 @@ fn method(options: &Options, results: &Results, learnt: &Learnt) -> MethodReport
         served: Served {
             tables: tables(|measure| results.matrix(&learnt.served, measure)),
             acted_percent: learnt.acted_percent(seeds.clone()),
+            held_percent: learnt.held_percent(seeds.clone()),
         },
         per_seed: per_seed.collect(),
         intervals: Intervals {

@@ -1,6 +1,7 @@
 //! What was learned, as tables: means over seeds, intervals, comparisons.
 
 use std::collections::BTreeMap;
+use std::ops::Range;
 
 use super::choice::Choice;
 use super::measured::Measured;
@@ -86,17 +87,27 @@ impl Learnt {
         Self { method, choice, trained, tally: alone, served, seeds }
     }
 
-    /// Share of the simulated steps on which the envelope acted, %, stages × tasks, the mean over these seeds.
-    pub(super) fn acted_percent(&self, seeds: std::ops::Range<usize>) -> Matrix {
+    /// Share of the simulated steps on which the envelope acted for the leader's sake, %, stages × tasks, the mean over these
+    /// seeds.
+    pub(super) fn acted_percent(&self, seeds: Range<usize>) -> Matrix {
+        self.share_of_steps(seeds, |measured| &measured.acted_steps)
+    }
+
+    /// The same of the steps on which it only kept the follower from driving backwards.
+    pub(super) fn held_percent(&self, seeds: Range<usize>) -> Matrix {
+        self.share_of_steps(seeds, |measured| &measured.held_steps)
+    }
+
+    fn share_of_steps(&self, seeds: Range<usize>, counted: impl Fn(&Measured) -> &[u64]) -> Matrix {
         let share = |measured: &Measured, task: usize| {
             let steps: u64 = measured.served[task].iter().map(|errors| errors.steps).sum();
-            100.0 * measured.acted_steps[task] as f64 / steps.max(1) as f64
+            100.0 * counted(measured)[task] as f64 / steps.max(1) as f64
         };
         let mean = |stage: usize, task: usize| {
             let each = self.seeds[seeds.clone()].iter().map(|stages| share(&stages[stage].measured, task));
             each.sum::<f64>() / seeds.len() as f64
         };
-        let tasks = self.seeds[0][0].measured.acted_steps.len();
+        let tasks = self.seeds[0][0].measured.served.len();
         (0..self.tally.stages()).map(|stage| (0..tasks).map(|task| mean(stage, task)).collect()).collect()
     }
 

@@ -23,7 +23,7 @@ use crate::lstm::kernel_name;
 use crate::training::{LearnSettings, Learned, Line, ReplayedRegime, StageInput, learn_stage};
 
 /// What decides a result besides what [`Stage`] says; changed whenever stored stages would mean something else.
-const FORMAT: &str = "headway reproduce 1";
+const FORMAT: &str = "headway reproduce 2";
 
 /// The experiment under way.
 pub(super) struct Work<'a> {
@@ -150,7 +150,7 @@ impl<'a> Work<'a> {
         } else {
             self.consolidate(stage)?
         };
-        let measured = Measured::of(&learned, shape, self.plan, &self.workers);
+        let measured = Measured::of(&learned, shape, &self.plan.tasks, &self.workers);
         let stored = StoredStage { measured, learned, trace: trace.map_or_else(Vec::new, Trace::points) };
         self.state.keep_stage(&key, &stored)?;
         Ok((stored, true))
