@@ -5,6 +5,7 @@ use sqlx::sqlite::SqliteRow;
 use sqlx::{Row, query};
 
 use super::column::{digest, stored_ids};
+use super::line::with_line;
 use super::{Store, StoreError};
 use crate::car_following::Event;
 use crate::lineage::RegimeName;
@@ -73,21 +74,16 @@ impl Store {
         task_id: i64,
         parent: i64,
     ) -> Result<Vec<LedgerEvent>, StoreError> {
-        let rows = query(
-            "with recursive line (version, parent, task_id) as (
-                 select version, parent, task_id from version where model_id = ?1 and version = ?2
-                 union all
-                 select v.version, v.parent, v.task_id from line
-                 join version v on v.model_id = ?1 and v.version = line.parent
-             )
-             select e.event_id, e.content_sha256, e.dt_s, e.arrays from event e
+        let rows = query(with_line!(
+            "?2",
+            "select e.event_id, e.content_sha256, e.dt_s, e.arrays from event e
              where e.split = 'train' and e.event_id in (
                  select event_id from task_event where task_id = ?3
                  union
                  select te.event_id from line join task_event te on te.task_id = line.task_id
              )
-             order by e.content_sha256",
-        )
+             order by e.content_sha256"
+        ))
         .bind(model_id)
         .bind(parent)
         .bind(task_id)
@@ -108,14 +104,9 @@ impl Store {
         parent: i64,
         limit: u32,
     ) -> Result<Vec<(String, Vec<LedgerEvent>)>, StoreError> {
-        let mut rows = query(
-            "with recursive line (version, parent, task_id, regime) as (
-                 select version, parent, task_id, regime from version where model_id = ?1 and version = ?2
-                 union all
-                 select v.version, v.parent, v.task_id, v.regime from line
-                 join version v on v.model_id = ?1 and v.version = line.parent
-             ),
-             learned as (
+        let mut rows = query(with_line!(
+            "?2",
+            ", learned as (
                  select distinct line.regime, e.event_id, e.content_sha256
                  from line join task_event te using (task_id) join event e using (event_id)
                  where e.split = 'train' and e.event_id not in (select event_id from task_event where task_id = ?3)
@@ -125,8 +116,8 @@ impl Store {
              )
              select r.regime, e.event_id, e.content_sha256, e.dt_s, e.arrays
              from ranked r join event e using (event_id)
-             where r.place <= ?4 order by r.regime, e.content_sha256",
-        )
+             where r.place <= ?4 order by r.regime, e.content_sha256"
+        ))
         .bind(model_id)
         .bind(parent)
         .bind(task_id)
@@ -155,21 +146,16 @@ impl Store {
         regime: Option<&RegimeName>,
         limit: u32,
     ) -> Result<Vec<LedgerEvent>, StoreError> {
-        let rows = query(
-            "with recursive line (version, parent, task_id) as (
-                 select version, parent, task_id from version where model_id = ?1 and version = ?2
-                 union all
-                 select v.version, v.parent, v.task_id from line
-                 join version v on v.model_id = ?1 and v.version = line.parent
-             )
-             select e.event_id, e.content_sha256, e.dt_s, e.arrays from event e
+        let rows = query(with_line!(
+            "?2",
+            "select e.event_id, e.content_sha256, e.dt_s, e.arrays from event e
              where e.split = 'train' and e.event_id in (
                  select te.event_id from line join task t on t.task_id = line.task_id
                  join task_event te on te.task_id = t.task_id
                  where ?3 is null or t.regime = ?3
              )
-             order by e.content_sha256 limit ?4",
-        )
+             order by e.content_sha256 limit ?4"
+        ))
         .bind(model_id)
         .bind(version)
         .bind(regime.map(RegimeName::as_str))

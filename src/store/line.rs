@@ -8,6 +8,25 @@ use super::{Store, StoreError};
 use crate::consolidation::RegimeMemory;
 use crate::lineage::{RegimeEvaluation, ServedMeasures, TestMeasures};
 
+/// A statement that sees `line (version, parent, task_id, regime)`: the version of model ?1 that `$first` names, and its
+/// parents. Further tables may follow it after a comma.
+macro_rules! with_line {
+    ($first:literal, $statement:literal) => {
+        concat!(
+            "with recursive line (version, parent, task_id, regime) as (
+                 select version, parent, task_id, regime from version where model_id = ?1 and version = ",
+            $first,
+            "
+                 union all
+                 select v.version, v.parent, v.task_id, v.regime from line
+                 join version v on v.model_id = ?1 and v.version = line.parent
+             ) ",
+            $statement
+        )
+    };
+}
+pub(super) use with_line;
+
 /// A regime a version's line has learned, with what is shared along the line.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LineRegime {
@@ -105,18 +124,11 @@ impl Store {
     /// # Errors
     /// When the database cannot be read.
     pub async fn ancestors(&self, model_id: i64, version: i64) -> Result<Vec<i64>, StoreError> {
-        let rows = query(
-            "with recursive line (version, parent) as (
-                 select version, parent from version where model_id = ?1 and version = ?2
-                 union all
-                 select v.version, v.parent from line join version v on v.model_id = ?1 and v.version = line.parent
-             )
-             select version from line",
-        )
-        .bind(model_id)
-        .bind(version)
-        .fetch_all(&self.readers)
-        .await?;
+        let rows = query(with_line!("?2", "select version from line"))
+            .bind(model_id)
+            .bind(version)
+            .fetch_all(&self.readers)
+            .await?;
         rows.iter().map(|row| Ok(row.try_get("version")?)).collect()
     }
 }

@@ -3,6 +3,7 @@
 use sqlx::sqlite::SqliteConnection;
 use sqlx::{Row, query};
 
+use super::line::with_line;
 use super::{StoreError, WriteTransaction};
 
 /// A model's pointers.
@@ -74,29 +75,15 @@ pub(super) async fn settle_events(transaction: &mut WriteTransaction, model_id: 
     Ok(())
 }
 
-/// A statement that sees `line`: the head of model ?1 and its parents, with their tasks.
-macro_rules! with_line {
-    ($statement:literal) => {
-        concat!(
-            "with recursive line (version, parent, task_id) as (
-                select v.version, v.parent, v.task_id from model m
-                join version v on v.model_id = m.model_id and v.version = m.head_version where m.model_id = ?1
-                union all
-                select v.version, v.parent, v.task_id from line
-                join version v on v.model_id = ?1 and v.version = line.parent
-            ) ",
-            $statement
-        )
-    };
-}
-
 const LEARNED_ON_THE_LINE: &str = with_line!(
+    "(select head_version from model where model_id = ?1)",
     "update event set state = 'learned'
     where state in ('held', 'set_aside')
         and event_id in (select te.event_id from line join task_event te on te.task_id = line.task_id)"
 );
 
 const SET_ASIDE_OFF_THE_LINE: &str = with_line!(
+    "(select head_version from model where model_id = ?1)",
     "update event set state = 'set_aside'
     where state = 'learned'
         and event_id in (select te.event_id from version v join task_event te on te.task_id = v.task_id
