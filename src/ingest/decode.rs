@@ -2,13 +2,17 @@
 
 use std::ops::ControlFlow;
 
-use tokio::sync::mpsc::Sender;
+use tokio::sync::mpsc::{Receiver, Sender, channel};
+use tokio::task::JoinHandle;
 
-use super::upload::Upload;
+use super::{IngestError, IngestSettings, Upload};
 use crate::car_following::{CheckSettings, Conversion, Target};
 use crate::formats::{BodyKind, FormatError, FormatLimits, RawEvent, decode};
 use crate::lineage::{ModelSettings, RegimeName, Rejection, Split};
 use crate::store::event::NewEvent;
+
+/// Events between the thread that decodes and the writer.
+const IN_FLIGHT: usize = 64;
 
 /// An event on its way to the store.
 pub(super) enum Arrival {
@@ -27,8 +31,35 @@ impl Arrival {
     }
 }
 
+/// The thread that decodes, and what comes from it. Dropped, it stops at the next event.
+pub(super) struct Decoding {
+    arrivals: Receiver<Arrival>,
+    thread: Option<JoinHandle<Result<(), FormatError>>>,
+}
+
+impl Decoding {
+    /// Begins to decode and check the body.
+    pub(super) fn start(upload: Upload, conversion: Conversion, settings: &IngestSettings) -> Self {
+        let (sender, arrivals) = channel(IN_FLIGHT);
+        let (limits, checks) = (settings.limits.clone(), settings.checks.clone());
+        let thread = tokio::task::spawn_blocking(move || run(upload, conversion, &limits, &checks, &sender));
+        Self { arrivals, thread: Some(thread) }
+    }
+
+    /// The next arrival; none when the body ended as it should.
+    pub(super) async fn next(&mut self) -> Result<Option<Arrival>, IngestError> {
+        if let Some(arrival) = self.arrivals.recv().await {
+            return Ok(Some(arrival));
+        }
+        if let Some(thread) = self.thread.take() {
+            thread.await.map_err(|_| IngestError::Panicked)??;
+        }
+        Ok(None)
+    }
+}
+
 /// Decodes and checks `upload`'s body into `arrivals`, until its end or until nobody listens.
-pub(super) fn run(
+fn run(
     upload: Upload,
     conversion: Conversion,
     limits: &FormatLimits,

@@ -2,9 +2,8 @@
 
 use std::collections::BTreeMap;
 
-use super::decode::Arrival;
+use super::decode::{Arrival, Decoding};
 use super::receipt::Summary;
-use super::upload::Decoding;
 use super::{IngestError, IngestSettings, Upload};
 use crate::car_following::resampled_steps;
 use crate::lineage::Rejection;

@@ -5,6 +5,7 @@ mod error;
 mod examine;
 mod options;
 mod receipt;
+mod receive;
 mod settings;
 mod spool;
 #[cfg(test)]
@@ -15,6 +16,7 @@ pub use error::IngestError;
 pub use examine::{Examined, examine};
 pub use options::{OptionError, SpacingKind, UploadOptions};
 pub use receipt::{Receipt, SpeedRange, Summary};
+pub use receive::{Received, receive};
 pub use settings::{IngestSettings, IngestSettingsError};
 pub use spool::{Interrupted, Spool, SpoolError, Spooled, spool};
-pub use upload::{Received, Upload, receive};
+pub use upload::Upload;

@@ -1,41 +1,13 @@
 //! From a spooled body to a batch in an open transaction.
 
 use jiff::Timestamp;
-use tokio::sync::mpsc::{Receiver, channel};
-use tokio::task::JoinHandle;
 
-use super::decode::{self, Arrival};
+use super::decode::{Arrival, Decoding};
 use super::receipt::{Receipt, Summary};
-use super::spool::Spooled;
-use super::{IngestError, IngestSettings, UploadOptions};
-use crate::car_following::Conversion;
-use crate::formats::{Encoding, Format, FormatError};
-use crate::lineage::ModelSettings;
+use super::{IngestError, IngestSettings, Upload};
 use crate::store::batch::{self, BatchOutcome, NewBatch};
 use crate::store::event::{self, LINKS_AT_ONCE, Link};
 use crate::store::{Store, WriteTransaction, rejection};
-
-/// Events between the thread that decodes and the writer.
-const IN_FLIGHT: usize = 64;
-
-/// A body and everything said about it.
-#[derive(Debug)]
-pub struct Upload {
-    /// The model's row id.
-    pub model_id: i64,
-    /// The model's settings.
-    pub model: ModelSettings,
-    /// Content type.
-    pub format: Format,
-    /// Content encoding.
-    pub encoding: Encoding,
-    /// The query.
-    pub options: UploadOptions,
-    /// The body.
-    pub body: Spooled,
-    /// When it came.
-    pub received_at: Timestamp,
-}
 
 /// An upload that is stored as soon as its transaction is committed.
 #[derive(Debug)]
@@ -89,33 +61,6 @@ pub async fn receive(store: &Store, upload: Upload, settings: &IngestSettings) -
     }
     let receipt = writer.end(&mut transaction).await?;
     Ok(Received { transaction, receipt })
-}
-
-/// The thread that decodes, and what comes from it. Dropped, it stops at the next event.
-pub(super) struct Decoding {
-    arrivals: Receiver<Arrival>,
-    thread: Option<JoinHandle<Result<(), FormatError>>>,
-}
-
-impl Decoding {
-    /// Begins to decode and check the body.
-    pub(super) fn start(upload: Upload, conversion: Conversion, settings: &IngestSettings) -> Self {
-        let (sender, arrivals) = channel(IN_FLIGHT);
-        let (limits, checks) = (settings.limits.clone(), settings.checks.clone());
-        let thread = tokio::task::spawn_blocking(move || decode::run(upload, conversion, &limits, &checks, &sender));
-        Self { arrivals, thread: Some(thread) }
-    }
-
-    /// The next arrival; none when the body ended as it should.
-    pub(super) async fn next(&mut self) -> Result<Option<Arrival>, IngestError> {
-        if let Some(arrival) = self.arrivals.recv().await {
-            return Ok(Some(arrival));
-        }
-        if let Some(thread) = self.thread.take() {
-            thread.await.map_err(|_| IngestError::Panicked)??;
-        }
-        Ok(None)
-    }
 }
 
 /// Writes arrivals, and keeps count.
