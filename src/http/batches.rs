@@ -12,11 +12,10 @@ use sha2::{Digest, Sha256};
 
 use super::AppState;
 use super::answer::Answer;
-use super::context::RequestContext;
 use super::events_body::{ingest_problem, kind, option_problem, take_body};
 use super::idempotency::Repeatable;
 use super::path::{BatchAt, ModelAt, batch_id, task_id};
-use super::problem::{Code, Problem};
+use super::problem::{Code, Problem, RequestContext};
 use super::query::{Page, Query};
 use crate::ingest::{Receipt, Received, Upload, UploadOptions, receive};
 use crate::lineage::{Batch, EventCounts, Model};

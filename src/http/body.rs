@@ -158,7 +158,7 @@ mod tests {
         assert_eq!(code(r#"{"windows": [[NaN]]}"#), Code::MalformedJson);
         assert_eq!(code(r#"{"windows": [], "more": 1}"#), Code::InvalidBody);
         assert_eq!(code("[[]]"), Code::InvalidBody);
-        let context = super::super::context::RequestContext { request_id: String::new(), path: String::new() };
+        let context = super::super::problem::RequestContext { request_id: String::new(), path: String::new() };
         for wrong in [r#"{"windows": [[1], [2, "x"]]}"#, r#"{"windows": [[1], [2, -1e999]]}"#] {
             let problem = parse::<Example>(wrong.as_bytes()).unwrap_err();
             assert_eq!(problem.code(), Code::InvalidBody);

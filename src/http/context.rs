@@ -13,18 +13,9 @@ use axum::response::{IntoResponse, Response};
 use tracing::Instrument;
 
 use super::AppState;
-use super::problem::{Code, Problem};
+use super::problem::{Code, Problem, RequestContext};
 
 const REQUEST_ID: HeaderName = HeaderName::from_static("x-request-id");
-
-/// What a problem says of the request it answers.
-#[derive(Debug, Clone)]
-pub struct RequestContext {
-    /// The client's `x-request-id` when it is usable, else one of ours.
-    pub request_id: String,
-    /// The request's path.
-    pub path: String,
-}
 
 impl<S: Sync> FromRequestParts<S> for RequestContext {
     type Rejection = Problem;

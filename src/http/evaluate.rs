@@ -12,10 +12,9 @@ use serde_json::{Map, Value, json};
 
 use super::AppState;
 use super::answer::Answer;
-use super::context::RequestContext;
 use super::events_body::{ingest_problem, kind, option_problem, take_body};
 use super::path::{ModelAt, parse_id};
-use super::problem::{Code, InputError, Problem};
+use super::problem::{Code, InputError, Problem, RequestContext};
 use super::query::Query;
 use super::versions;
 use crate::ingest::{Examined, Upload, UploadOptions, examine};

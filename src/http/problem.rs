@@ -9,8 +9,16 @@ use serde::Serialize;
 use serde_json::{Map, Value, json};
 
 use super::answer::Answer;
-use super::context::RequestContext;
 use crate::lineage;
+
+/// What a problem says of the request it answers.
+#[derive(Debug, Clone)]
+pub struct RequestContext {
+    /// The client's `x-request-id` when it is usable, else one of ours.
+    pub request_id: String,
+    /// The request's path.
+    pub path: String,
+}
 
 /// Stable names of problems; the wire's `code`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
