@@ -5,8 +5,8 @@ use std::time::Duration;
 
 use serde::Serialize;
 
-use super::answers::{Moved, Predicted, Receipt};
-use super::story::{MODELS, Stage, Story};
+use super::answers::Receipt;
+use super::story::{MODELS, RolledBack, Stage, Story};
 use super::tables::{Measure, matrix};
 
 /// Everything that the story tells.
@@ -36,14 +36,6 @@ struct ModelReport<'a> {
     collision_rate_percent: Vec<Vec<Option<f64>>>,
     /// Of each task but the last: `R[3,j] / R[j,j]`.
     forgetting_ratio: Vec<Option<f64>>,
-}
-
-/// What served before the rollback and after it.
-#[derive(Serialize)]
-pub(super) struct RolledBack {
-    pub(super) predicted_before: Predicted,
-    pub(super) rollback: Moved,
-    pub(super) predicted_after: Predicted,
 }
 
 impl<'a> Report<'a> {

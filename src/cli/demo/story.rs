@@ -13,7 +13,6 @@ use super::answers::{Evaluation, Model, Moved, Predicted, Receipt, Task};
 use super::client::Client;
 use super::curl::window;
 use super::progress::Progress;
-use super::report::RolledBack;
 use super::server::DemoServer;
 use super::tables::{self, Learned, Measure};
 use super::traffic::{RegimeTraffic, Traffic};
@@ -34,6 +33,14 @@ pub(super) struct Stage {
     pub(super) evaluation: Evaluation,
     #[serde(skip)]
     pub(super) upload: Receipt,
+}
+
+/// What served before the rollback and after it.
+#[derive(Serialize)]
+pub(super) struct RolledBack {
+    predicted_before: Predicted,
+    rollback: Moved,
+    predicted_after: Predicted,
 }
 
 /// What is told, and what was answered so far.

@@ -2,7 +2,7 @@
 
 /// What it can be told.
 mod arguments;
-/// How strongly each method consolidates.
+/// How strongly a method consolidates.
 mod choice;
 /// The events of the files.
 mod events;
@@ -123,7 +123,7 @@ fn learn(
         work.progress.say("searching strengths on validation events");
         work.survey(&searched);
     }
-    let choice = |&method| Ok((method, choice::choose(work, method)?));
+    let choice = |&method| Ok((method, search::choose(work, method)?));
     let choices = options.methods.iter().map(choice).collect::<anyhow::Result<Vec<_>>>()?;
     let lines = |seed| choices.iter().map(move |(method, choice)| (*method, seed, choice.strength));
     let all: Vec<_> = options.seeds.iter().flat_map(|&seed| lines(seed)).collect();

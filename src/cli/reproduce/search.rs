@@ -23,9 +23,17 @@ pub(super) fn stages(work: &Work<'_>, method: Method) -> Vec<Stage> {
     naive.into_iter().chain(candidates.flatten()).collect()
 }
 
+/// The one place where a strength is chosen: as told, else searched.
+pub(super) fn choose(work: &Work<'_>, method: Method) -> anyhow::Result<Choice> {
+    if is_searched(work, method) {
+        return search(work, method);
+    }
+    Ok(Choice { strength: work.options.strength(method), search: Value::Null })
+}
+
 /// Learns all tasks in turn with each strength, with the first seed, and takes the best on the validation events of every
 /// task, also of those learned earlier. Test events are not looked at.
-pub(super) fn search(work: &Work<'_>, method: Method) -> anyhow::Result<Choice> {
+fn search(work: &Work<'_>, method: Method) -> anyhow::Result<Choice> {
     if let Some(task) = work.plan.tasks.iter().find(|task| task.validation.is_empty()) {
         let said = format!("task {} has no validation events, so the default strength is used", task.name);
         work.progress.say(&format!("{}: {said}", method.as_str()));
@@ -48,7 +56,7 @@ pub(super) fn search(work: &Work<'_>, method: Method) -> anyhow::Result<Choice> 
 }
 
 /// Whether the strength of this method has to be found.
-pub(super) fn is_searched(work: &Work<'_>, method: Method) -> bool {
+fn is_searched(work: &Work<'_>, method: Method) -> bool {
     method.consolidates() && work.options.strength(method) == Strength::Auto
 }
 
