@@ -23,6 +23,7 @@ fn every_method_has_full_tables_and_stage_one_is_one() {
     assert_eq!(serde_json::from_slice::<Value>(&output.stdout).unwrap(), report, "--json prints the report");
     assert_eq!((&report["events"], &report["seeds"]), (&json!(60), &json!([1, 2])));
     assert_eq!(report["tasks"], json!(["fast", "middle", "slow"]));
+    assert!(report["threads"].as_u64().unwrap() >= 1);
     let [low, high] = [0, 1].map(|edge| report["split_mps"][edge].as_f64().unwrap());
     assert!(low < high, "{low} {high}");
     for (name, method) in report["methods"].as_object().unwrap() {

@@ -70,7 +70,7 @@ pub(super) fn run(arguments: &ReproduceArguments) -> anyhow::Result<()> {
     for figure in &figures {
         write(&arguments.out, figure.file, &figure.svg)?;
     }
-    let mut report = Report::new(arguments, &options, &plan.told, &results, &sweeps, safety);
+    let mut report = Report::new(arguments, &work, &results, &sweeps, safety);
     report.seconds = began.elapsed().as_secs_f64();
     let page = Page {
         arguments,
@@ -79,6 +79,7 @@ pub(super) fn run(arguments: &ReproduceArguments) -> anyhow::Result<()> {
         results: &results,
         safety: &report.safety,
         figures: &figures,
+        threads: work.workers.current_num_threads(),
         took: began.elapsed(),
     };
     write(&arguments.out, "report.md", &page.text())?;

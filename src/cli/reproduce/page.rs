@@ -22,6 +22,7 @@ pub(super) struct Page<'a> {
     pub(super) results: &'a Results,
     pub(super) safety: &'a [Assessed],
     pub(super) figures: &'a [Figure],
+    pub(super) threads: usize,
     pub(super) took: Duration,
 }
 
@@ -384,7 +385,15 @@ impl Page<'_> {
 
     fn conditions(&self, text: &mut String) {
         text.push_str("\n## How it was measured\n\n");
-        line(text, &format!("headway {}, kernel {}.", env!("CARGO_PKG_VERSION"), crate::lstm::kernel_name()));
+        line(
+            text,
+            &format!(
+                "headway {}, kernel {}, {}.",
+                env!("CARGO_PKG_VERSION"),
+                crate::lstm::kernel_name(),
+                if self.threads == 1 { "1 thread".to_owned() } else { format!("{} threads", self.threads) }
+            ),
+        );
         line(
             text,
             &format!(

@@ -11,6 +11,7 @@ use super::plan::Told;
 use super::results::{Estimate, LEVEL, Learnt, Matrix, Reference, Results};
 use super::safety::Assessed;
 use super::sweep::Sweep;
+use super::work::Work;
 use crate::consolidation::{Method, default_strength};
 use crate::protocol::{Measure, Measures, Tally};
 
@@ -36,6 +37,8 @@ pub(super) struct Report {
     protocol: Protocol,
     version: &'static str,
     kernel: String,
+    /// What was not learned before this call was learned with so many.
+    threads: usize,
     /// That this call took.
     pub(super) seconds: f64,
 }
@@ -161,12 +164,12 @@ impl From<Estimate> for EstimateReport {
 impl Report {
     pub(super) fn new(
         arguments: &ReproduceArguments,
-        options: &Options,
-        told: &Told,
+        work: &Work<'_>,
         results: &Results,
         sweeps: &[Sweep],
         safety: Vec<Assessed>,
     ) -> Self {
+        let (options, told) = (work.options, &work.plan.told);
         let methods = results.methods.iter();
         Self {
             safety,
@@ -188,6 +191,7 @@ impl Report {
             protocol: Protocol { steps: arguments.steps, told: told.clone() },
             version: env!("CARGO_PKG_VERSION"),
             kernel: crate::lstm::kernel_name().to_owned(),
+            threads: work.workers.current_num_threads(),
             seconds: 0.0,
         }
     }
