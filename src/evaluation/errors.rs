@@ -41,6 +41,12 @@ impl Errors {
         errors
     }
 
+    /// Mean squared error of the spacing, m²; 0 without steps.
+    #[must_use]
+    pub fn spacing_mse(&self) -> f64 {
+        self.spacing_sq / self.steps.max(1) as f64
+    }
+
     /// Adds one event driven closed loop: `driven(t)` is the simulated spacing (m) and follower speed (m/s) at step `t`, asked
     /// for every step from `from` on.
     pub fn add(&mut self, event: &Event, from: usize, driven: impl Fn(usize) -> (f32, f32)) {

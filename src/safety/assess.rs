@@ -95,11 +95,19 @@ fn outcome(class: StressClass, horizon: usize, driven: &[(&StressScenario, &Traj
         avoidable_collisions: count(&|scenario, driven| scenario.avoidable && driven.collides(horizon)),
         backwards: count(&|_, driven| driven.follower_speed_mps[horizon..].iter().any(|&speed| speed < 0.0)),
         acted_percent: 100.0 * acted as f64 / steps.max(1) as f64,
-        min_ttc_s: spread(measures.iter().map(|m| m.min_ttc_s.unwrap_or(f64::INFINITY)).collect(), 1.0),
+        min_ttc_s: Spread::of_least(measures.iter().map(|m| m.min_ttc_s)),
         max_drac_mps2: high(|m| m.max_drac_mps2),
         max_braking_mps2: high(|m| m.max_braking_mps2),
         jerk_rms_mps3: high(|m| m.jerk_rms_mps3),
         jerk_max_mps3: high(|m| m.jerk_max_mps3),
+    }
+}
+
+impl Spread {
+    /// Of what is more dangerous the less it is; none is infinite.
+    #[must_use]
+    pub fn of_least(values: impl Iterator<Item = Option<f64>>) -> Self {
+        spread(values.map(|value| value.unwrap_or(f64::INFINITY)).collect(), 1.0)
     }
 }
 
@@ -148,11 +156,11 @@ mod tests {
 
     #[test]
     fn the_worst_is_the_least_time_and_the_greatest_braking() {
-        let times = spread(vec![3.0, f64::INFINITY, 1.0], 1.0);
+        let times = Spread::of_least([Some(3.0), None, Some(1.0)].into_iter());
         assert_eq!((times.median, times.worst), (Some(3.0), Some(1.0)));
         let braking = spread(vec![-3.0, -7.0, -1.0], -1.0);
         assert_eq!((braking.median, braking.worst), (Some(3.0), Some(7.0)));
-        assert_eq!(spread(vec![f64::INFINITY], 1.0).worst, None);
-        assert_eq!(spread(Vec::new(), 1.0).median, None);
+        assert_eq!(Spread::of_least([None].into_iter()).worst, None);
+        assert_eq!(Spread::of_least([].into_iter()).median, None);
     }
 }

@@ -39,11 +39,7 @@ fn every_method_has_full_tables_and_stage_one_is_one() {
                 }
             }
         }
-        assert_eq!(numbers(&method["served"]["spacing_mse"]).len(), stages, "{name}");
-        let [acted, held] = ["acted_percent", "held_percent"].map(|share| numbers(&method["served"][share]));
-        assert_eq!((acted.len(), held.len()), (stages, stages), "{name}");
-        let both = acted.iter().flatten().zip(held.iter().flatten()).map(|(acted, held)| acted + held);
-        assert!(both.clone().count() == 3 * stages && both.into_iter().all(|percent| (0.0..=100.0).contains(&percent)));
+        what_is_served_is_told(name, method, stages);
         let consolidates = !["joint", "naive", "replay"].contains(&name.as_str());
         assert_eq!(method["strength"].is_number(), consolidates, "{name}");
         let lambda: Vec<_> = method["lambda"].as_array().into_iter().flatten().map(Value::is_number).collect();
@@ -65,10 +61,34 @@ fn every_method_has_full_tables_and_stage_one_is_one() {
         for table in ["spacing_mse", "speed_mse", "collision_rate_percent"] {
             assert_eq!(reference[table].as_array().unwrap().len(), 3, "{name} {table}");
         }
+        let of_tasks = |list: &str| numbers(&json!([reference[list]])).remove(0);
+        assert_eq!(of_tasks("calibration_events"), [14.0; 3], "{name}: the training events");
+        let (fitted, published) = (of_tasks("spacing_mse_calibration"), of_tasks("spacing_mse_published"));
+        assert!(fitted.len() == 3 && fitted.iter().all(|error| *error > 0.0), "{name}: {fitted:?}");
+        let unchanged = published == of_tasks("spacing_mse");
+        assert_eq!(unchanged, name == "constant", "{name}: only who has no parameters drives as before: {published:?}");
     }
     assert!(report["references"]["idm"].is_object() && report["references"]["gipps"].is_object());
     let ratio = &report["methods"]["naive"]["measures"];
     assert_eq!(ratio["plasticity_loss"], json!([1.0, 1.0, 1.0]));
+}
+
+/// Beside the errors within the envelope: how often it acts and holds, and how close drives come.
+#[track_caller]
+fn what_is_served_is_told(name: &str, method: &Value, stages: usize) {
+    assert_eq!(numbers(&method["served"]["spacing_mse"]).len(), stages, "{name}");
+    let [acted, held] = ["acted_percent", "held_percent"].map(|share| numbers(&method["served"][share]));
+    assert_eq!((acted.len(), held.len()), (stages, stages), "{name}");
+    let both = acted.iter().flatten().zip(held.iter().flatten()).map(|(acted, held)| acted + held);
+    assert!(both.clone().count() == 3 * stages && both.into_iter().all(|percent| (0.0..=100.0).contains(&percent)));
+    for driver in ["alone", "served"] {
+        let closest = method["min_ttc_s"][driver].as_array().unwrap();
+        assert_eq!((closest.len(), closest[0].as_array().unwrap().len()), (stages, 3), "{name} {driver}");
+        for cell in closest.iter().flat_map(|row| row.as_array().unwrap()) {
+            let [median, worst] = ["median", "worst"].map(|one| cell[one].as_f64().unwrap_or(f64::INFINITY));
+            assert!(0.0 <= worst && worst <= median, "{name} {driver}: {cell}");
+        }
+    }
 }
 
 #[test]
@@ -145,7 +165,9 @@ fn page_is_whole(preset: &str) {
         "23.01 / 47.78 / 81.35",
         "## Methods against each other",
         "## Reference drivers",
+        "on the test events with published parameters",
         "## Served, within the envelope",
+        "| least TTC alone, s: median (worst) |",
         "| ewc, served |",
         "Sides: 70/15/15 at random inside each task, split_seed 0.",
         "\"collision_margin_m\"",
@@ -155,10 +177,13 @@ fn page_is_whole(preset: &str) {
     let cell = format!("{:.2} (", report["methods"]["joint"]["spacing_mse"][0][1].as_f64().unwrap());
     let row = page.lines().find(|line| line.starts_with("| joint | middle |")).unwrap();
     assert!(row.contains(&cell), "{row} has the number of report.json, {cell}");
-    let held = format!("{:.3} |", report["methods"]["ewc"]["served"]["held_percent"][2][2].as_f64().unwrap());
-    let served =
-        page.split_once("## Served").unwrap().1.lines().find(|line| line.starts_with("| ewc | slow |")).unwrap();
-    assert!(page.contains("| held, % of steps |") && served.ends_with(&held), "{served} ends with {held}");
+    let held = format!("{:.3}", report["methods"]["ewc"]["served"]["held_percent"][2][2].as_f64().unwrap());
+    let served = page.split_once("## Served").unwrap().1.lines();
+    let cell = |row: &str| {
+        let row = served.clone().find(|line| line.starts_with(row)).unwrap();
+        row.split(" | ").nth(6).unwrap().to_owned()
+    };
+    assert_eq!((cell("| method | task |"), cell("| ewc | slow |")), ("held, % of steps".to_owned(), held));
     let figures: Vec<_> = page.split("](").skip(1).map(|rest| rest.split(')').next().unwrap()).collect();
     assert_eq!(figures.len(), 7, "{figures:?}");
     for figure in figures {

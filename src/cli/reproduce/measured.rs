@@ -6,11 +6,11 @@ use serde::{Deserialize, Serialize};
 use super::plan::Task;
 use crate::driver::DriverShape;
 use crate::evaluation::{Errors, drive_events};
-use crate::safety::Envelope;
+use crate::safety::{Envelope, Surrogates};
 use crate::training::Learned;
 
 /// Errors of each event by itself, so that events can be paired and drawn again.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub(super) struct Measured {
     /// The network alone: tasks × test events.
     pub(super) alone: Vec<Vec<Errors>>,
@@ -20,21 +20,29 @@ pub(super) struct Measured {
     pub(super) acted_steps: Vec<u64>,
     /// Simulated steps on which it only kept the follower from driving backwards, of each task.
     pub(super) held_steps: Vec<u64>,
+    /// Least time to collision of each drive of the network alone, s; none where the follower never is faster.
+    pub(super) alone_min_ttc_s: Vec<Vec<Option<f64>>>,
+    /// The same within the envelope.
+    pub(super) served_min_ttc_s: Vec<Vec<Option<f64>>>,
 }
 
 impl Measured {
     pub(super) fn of(learned: &Learned, shape: DriverShape, tasks: &[Task], workers: &ThreadPool) -> Self {
-        let mut measured =
-            Self { alone: Vec::new(), served: Vec::new(), acted_steps: Vec::new(), held_steps: Vec::new() };
+        let mut measured = Self::default();
         for task in tasks {
             let drive =
                 |envelope| drive_events(shape, &learned.scaling, &learned.weights, envelope, &task.test, workers);
             let (alone, served) = (drive(None), drive(Some(Envelope::new(shape.dt_s))));
             measured.acted_steps.push(served.iter().map(|driven| driven.acted_steps).sum());
             measured.held_steps.push(served.iter().map(|driven| driven.held_steps).sum());
-            for (driven, into) in [(alone, &mut measured.alone), (served, &mut measured.served)] {
-                let each = task.test.iter().zip(&driven);
-                into.push(each.map(|(event, driven)| Errors::of(event, shape.horizon, driven)).collect());
+            for (driven, errors, min_ttc_s) in [
+                (alone, &mut measured.alone, &mut measured.alone_min_ttc_s),
+                (served, &mut measured.served, &mut measured.served_min_ttc_s),
+            ] {
+                let each = || task.test.iter().zip(&driven);
+                errors.push(each().map(|(event, driven)| Errors::of(event, shape.horizon, driven)).collect());
+                let closest = |(event, driven)| Surrogates::of(event, driven, shape.horizon).min_ttc_s;
+                min_ttc_s.push(each().map(closest).collect());
             }
         }
         measured

@@ -13,6 +13,7 @@ use super::report::{mean_lambda, preset, strength};
 use super::results::{Estimate, Learnt, Results};
 use super::safety::{self, Assessed};
 use crate::protocol::{Measure, Tally};
+use crate::safety::Spread;
 
 /// Everything the page tells.
 pub(super) struct Page<'a> {
@@ -265,6 +266,21 @@ impl Page<'_> {
             let mean = shown(self.results.last_mean(&reference.tally, Measure::Spacing), 2);
             row(text, &[reference.name.clone()].into_iter().chain(cells).chain([mean]).collect::<Vec<_>>());
         }
+        text.push('\n');
+        line(
+            text,
+            "Spacing error on the training events that it was calibrated on / on the test events with published parameters, m²:",
+        );
+        text.push('\n');
+        table(text, &["driver"].into_iter().chain(self.names()).collect::<Vec<_>>());
+        for reference in &self.results.references {
+            let cells = reference
+                .fitted_to
+                .iter()
+                .zip(&reference.published)
+                .map(|(on, published)| format!("{:.2} / {:.2}", on.spacing_mse(), published.spacing_mse()));
+            row(text, &[reference.name.clone()].into_iter().chain(cells).collect::<Vec<_>>());
+        }
     }
 
     fn served(&self, text: &mut String) {
@@ -284,6 +300,8 @@ impl Page<'_> {
                 "collisions, %",
                 "envelope acted, % of steps",
                 "held, % of steps",
+                "least TTC alone, s: median (worst)",
+                "least TTC served, s: median (worst)",
             ],
         );
         for learnt in &self.results.methods {
@@ -292,6 +310,8 @@ impl Page<'_> {
             let collisions = matrix(&learnt.served, Measure::Collisions);
             let [acted, held] = [Learnt::acted_percent, Learnt::held_percent]
                 .map(|percent| percent(learnt, 0..learnt.seeds.len()).pop().expect("a method has a stage"));
+            let [ttc_alone, ttc_served] = [Learnt::alone_min_ttc_s, Learnt::served_min_ttc_s]
+                .map(|closest| closest(learnt).pop().expect("a method has a stage"));
             for (task, name) in self.names().into_iter().enumerate() {
                 row(
                     text,
@@ -303,6 +323,8 @@ impl Page<'_> {
                         format!("{:.2}", collisions[task]),
                         format!("{:.3}", acted[task]),
                         format!("{:.3}", held[task]),
+                        seconds(ttc_alone[task]),
+                        seconds(ttc_served[task]),
                     ],
                 );
             }
@@ -427,6 +449,12 @@ fn shown(Estimate { value, interval }: Estimate, digits: usize) -> String {
         Some([low, high]) => format!("{value:.digits$} ({low:.digits$}–{high:.digits$})"),
         None => format!("{value:.digits$}"),
     }
+}
+
+/// Median and worst.
+fn seconds(spread: Spread) -> String {
+    let shown = |value: Option<f64>| value.map_or_else(|| "∞".to_owned(), |value| format!("{value:.1}"));
+    format!("{} ({})", shown(spread.median), shown(spread.worst))
 }
 
 /// A cell with nothing to say.

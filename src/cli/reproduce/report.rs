@@ -13,7 +13,9 @@ use super::safety::Assessed;
 use super::sweep::Sweep;
 use super::work::Work;
 use crate::consolidation::{Method, default_strength};
+use crate::evaluation::Errors;
 use crate::protocol::{Measure, Measures, Tally};
+use crate::safety::Spread;
 
 /// `report.json`.
 #[derive(Debug, Serialize)]
@@ -62,6 +64,13 @@ struct Served {
     held_percent: Matrix,
 }
 
+/// Least time to collision of a drive, s, stages × tasks, over the drives with all seeds.
+#[derive(Debug, Serialize)]
+struct MinTtc {
+    alone: Vec<Vec<Spread>>,
+    served: Vec<Vec<Spread>>,
+}
+
 #[derive(Debug, Serialize)]
 struct MethodReport {
     strength: Option<f64>,
@@ -71,6 +80,7 @@ struct MethodReport {
     #[serde(flatten)]
     tables: Tables,
     served: Served,
+    min_ttc_s: MinTtc,
     per_seed: Vec<SeedReport>,
     intervals: Intervals,
     measures: MeasuresReport,
@@ -115,6 +125,11 @@ struct ReferenceReport {
     speed_mse: Vec<f64>,
     collision_rate_percent: Vec<f64>,
     mean_interval: Option<[f64; 2]>,
+    /// On the training events that it was calibrated on, which are as many as `calibration_events` says.
+    spacing_mse_calibration: Vec<f64>,
+    calibration_events: Vec<u32>,
+    /// On the test events with the published parameters.
+    spacing_mse_published: Vec<f64>,
     /// As calibrated on each task's training events.
     parameters: Vec<BTreeMap<&'static str, f64>>,
 }
@@ -229,6 +244,7 @@ fn method(options: &Options, results: &Results, learnt: &Learnt) -> MethodReport
             acted_percent: learnt.acted_percent(seeds.clone()),
             held_percent: learnt.held_percent(seeds.clone()),
         },
+        min_ttc_s: MinTtc { alone: learnt.alone_min_ttc_s(), served: learnt.served_min_ttc_s() },
         per_seed: per_seed.collect(),
         intervals: Intervals {
             spacing_mse: intervals(Measure::Spacing),
@@ -296,6 +312,9 @@ fn references(results: &Results) -> BTreeMap<String, ReferenceReport> {
         speed_mse: row(&reference.tally, Measure::Speed),
         collision_rate_percent: row(&reference.tally, Measure::Collisions),
         mean_interval: results.last_mean(&reference.tally, Measure::Spacing).interval,
+        spacing_mse_calibration: reference.fitted_to.iter().map(Errors::spacing_mse).collect(),
+        calibration_events: reference.fitted_to.iter().map(|errors| errors.events).collect(),
+        spacing_mse_published: reference.published.iter().map(Errors::spacing_mse).collect(),
         parameters: reference.drivers.iter().map(|driver| driver.named_values().collect()).collect(),
     };
     results.references.iter().map(|reference| (reference.name.clone(), report(reference))).collect()

@@ -11,6 +11,7 @@ use crate::consolidation::Method;
 use crate::evaluation::Errors;
 use crate::protocol::{Bootstrap, Draw, Measure, Measures, Tally};
 use crate::reference::ReferenceDriver;
+use crate::safety::Spread;
 
 /// Level of the confidence intervals.
 pub(super) const LEVEL: f64 = 0.95;
@@ -39,6 +40,10 @@ pub(super) struct Reference {
     pub(super) name: String,
     /// As calibrated for each task.
     pub(super) drivers: Vec<ReferenceDriver>,
+    /// Of each task, on the training events that it was calibrated on.
+    pub(super) fitted_to: Vec<Errors>,
+    /// Of each task, on its test events with the published parameters.
+    pub(super) published: Vec<Errors>,
     pub(super) tally: Tally,
 }
 
@@ -109,6 +114,24 @@ impl Learnt {
         };
         let tasks = self.seeds[0][0].measured.served.len();
         (0..self.tally.stages()).map(|stage| (0..tasks).map(|task| mean(stage, task)).collect()).collect()
+    }
+
+    /// Least time to collision of a drive of the network alone, s, stages × tasks, over the drives with all seeds.
+    pub(super) fn alone_min_ttc_s(&self) -> Vec<Vec<Spread>> {
+        self.min_ttc_s(|measured| &measured.alone_min_ttc_s)
+    }
+
+    /// The same within the envelope.
+    pub(super) fn served_min_ttc_s(&self) -> Vec<Vec<Spread>> {
+        self.min_ttc_s(|measured| &measured.served_min_ttc_s)
+    }
+
+    fn min_ttc_s(&self, of: fn(&Measured) -> &[Vec<Option<f64>>]) -> Vec<Vec<Spread>> {
+        let spread = |stage: usize, task: usize| {
+            Spread::of_least(self.seeds.iter().flat_map(|stages| of(&stages[stage].measured)[task].iter().copied()))
+        };
+        let tasks = self.seeds[0][0].measured.alone.len();
+        (0..self.tally.stages()).map(|stage| (0..tasks).map(|task| spread(stage, task)).collect()).collect()
     }
 
     /// λ of each stage with this seed.
