@@ -22,4 +22,4 @@ pub use options::{
 };
 pub use path::PathIntegral;
 pub use penalty::Penalty;
-pub use strength::{default_accumulation, default_strength, lambda};
+pub use strength::{default_accumulation, default_strength, lambda, searched_strengths};

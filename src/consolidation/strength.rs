@@ -13,6 +13,15 @@ pub fn default_strength(method: Method) -> f64 {
     }
 }
 
+/// Times the default strength: what a search tries.
+const SEARCHED: [f64; 5] = [0.1, 0.3, 1.0, 3.0, 10.0];
+
+/// The strengths that a search tries for this method, ascending.
+#[must_use]
+pub fn searched_strengths(method: Method) -> [f64; 5] {
+    SEARCHED.map(|factor| factor * default_strength(method))
+}
+
 /// Accumulation where none is set.
 #[must_use]
 pub fn default_accumulation(_method: Method) -> Accumulation {

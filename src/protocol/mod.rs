@@ -7,6 +7,7 @@ mod measures;
 mod quantile;
 mod search;
 mod sides;
+mod stage_search;
 mod tally;
 mod tasks;
 
@@ -14,7 +15,8 @@ pub use bootstrap::{Bootstrap, Draw};
 pub use by_run::by_run;
 pub use measures::{Measures, pooled};
 pub use quantile::quantile;
-pub use search::{Candidate, best};
+pub use search::{Candidate, SEARCH_RULE, Weighed, best, best_of};
 pub use sides::{at_random, missing_side};
+pub use stage_search::{stage_diagonal, weigh_stage};
 pub use tally::{Measure, Tally};
 pub use tasks::{Tasks, TasksError};

@@ -1,6 +1,6 @@
 //! Which strength of consolidation is best, from validation events.
 
-/// What one strength came to on validation events.
+/// What one strength came to on validation events, stage by stage.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Candidate {
     /// The strength.
@@ -37,34 +37,69 @@ impl Candidate {
         (1..naive_diagonal.len()).map(ratio).sum::<f64>() / (naive_diagonal.len() - 1).max(1) as f64
     }
 
-    /// The greater of the forgetting ratio and the plasticity loss; 1 where both are below, since then nothing is lost.
-    #[must_use]
-    pub fn worse_end(&self, naive_diagonal: &[f64]) -> f64 {
-        self.forgetting_ratio().max(self.plasticity_loss(naive_diagonal)).max(1.0)
+    fn weighed(&self, naive_diagonal: &[f64]) -> Weighed {
+        Weighed {
+            strength: self.strength,
+            cost: self.cost(naive_diagonal),
+            forgetting_ratio: self.forgetting_ratio(),
+            plasticity_loss: self.plasticity_loss(naive_diagonal),
+            collisions: self.collisions,
+        }
     }
 }
+
+/// What decides between strengths.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Weighed {
+    /// The strength.
+    pub strength: f64,
+    /// Mean over the tasks of the error over what it was at best.
+    pub cost: f64,
+    /// How much worse tasks learned before are driven.
+    pub forgetting_ratio: f64,
+    /// How much worse new tasks are learned than without consolidation.
+    pub plasticity_loss: f64,
+    /// Collided events of tasks seen.
+    pub collisions: u32,
+}
+
+impl Weighed {
+    /// The greater of the forgetting ratio and the plasticity loss; 1 where both are below, since then nothing is lost.
+    #[must_use]
+    pub fn worse_end(&self) -> f64 {
+        self.forgetting_ratio.max(self.plasticity_loss).max(1.0)
+    }
+}
+
+/// [`best_of`] in words.
+pub const SEARCH_RULE: &str = "fewest collisions on tasks seen; of these within 5 % of the least cost, the mean over tasks of R[T,j] / naive's R[j,j]; of these within 5 % of the least greater of forgetting ratio, plasticity loss and 1; of these the strongest";
 
 /// Costs, and balances, that differ by less than this share are the same: so much lies between two seeds of one setting.
 const INDIFFERENCE: f64 = 0.05;
 
-/// The place of the best candidate: of those with the fewest collisions whose cost is as good as the least, those whose
+/// The place of the best candidate, see [`best_of`].
+#[must_use]
+pub fn best(candidates: &[Candidate], naive_diagonal: &[f64]) -> Option<usize> {
+    best_of(&candidates.iter().map(|candidate| candidate.weighed(naive_diagonal)).collect::<Vec<_>>())
+}
+
+/// The place of the best: of those with the fewest collisions whose cost is as good as the least, those whose
 /// worse end of the front is as good as the best of these; and among them the strongest. Where the front is flat it is the one
 /// that holds on hardest, since what comes later is not known (as the one-standard-error rule of Breiman et al. 1984 takes
 /// the simplest), but not at the price of what is new.
 #[must_use]
-pub fn best(candidates: &[Candidate], naive_diagonal: &[f64]) -> Option<usize> {
-    let fewest = candidates.iter().map(|candidate| candidate.collisions).min()?;
-    let mut left: Vec<&Candidate> = candidates.iter().filter(|candidate| candidate.collisions == fewest).collect();
-    keep_as_good(&mut left, |candidate| candidate.cost(naive_diagonal));
-    keep_as_good(&mut left, |candidate| candidate.worse_end(naive_diagonal));
-    let chosen = left.into_iter().max_by(|a, b| a.strength.total_cmp(&b.strength))?;
-    candidates.iter().position(|candidate| std::ptr::eq(candidate, chosen))
+pub fn best_of(weighed: &[Weighed]) -> Option<usize> {
+    let fewest = weighed.iter().map(|one| one.collisions).min()?;
+    let mut left: Vec<usize> = (0..weighed.len()).filter(|&place| weighed[place].collisions == fewest).collect();
+    keep_as_good(&mut left, |place| weighed[place].cost);
+    keep_as_good(&mut left, |place| weighed[place].worse_end());
+    left.into_iter().max_by(|&a, &b| weighed[a].strength.total_cmp(&weighed[b].strength))
 }
 
 /// Leaves those whose `measure` is as good as the least.
-fn keep_as_good(candidates: &mut Vec<&Candidate>, measure: impl Fn(&Candidate) -> f64) {
-    let least = candidates.iter().map(|candidate| measure(candidate)).fold(f64::INFINITY, f64::min);
-    candidates.retain(|candidate| measure(candidate) <= (1.0 + INDIFFERENCE) * least);
+fn keep_as_good(places: &mut Vec<usize>, measure: impl Fn(usize) -> f64) {
+    let least = places.iter().map(|&place| measure(place)).fold(f64::INFINITY, f64::min);
+    places.retain(|&place| measure(place) <= (1.0 + INDIFFERENCE) * least);
 }
 
 #[cfg(test)]
@@ -100,7 +135,10 @@ mod tests {
         let balanced = candidate(3.0, [[20.0, 30.0], [22.0, 8.8]], 0);
         let stiff = candidate(10.0, [[20.0, 30.0], [19.0, 10.4]], 0);
         assert!((balanced.cost(&naive) - 1.1).abs() < 1e-12 && (stiff.cost(&naive) - 1.125).abs() < 1e-12);
-        assert!((balanced.worse_end(&naive) - 1.1).abs() < 1e-12 && (stiff.worse_end(&naive) - 1.3).abs() < 1e-12);
+        assert!(
+            (balanced.weighed(&naive).worse_end() - 1.1).abs() < 1e-12
+                && (stiff.weighed(&naive).worse_end() - 1.3).abs() < 1e-12
+        );
         assert_eq!(best(&[balanced, stiff], &naive), Some(0), "costs within 5 %, but learned 1.1 and 1.3 times worse");
     }
 

@@ -6,12 +6,9 @@ use super::arguments::Strength;
 use super::choice::Choice;
 use super::state::StoredStage;
 use super::work::{Stage, Work};
-use crate::consolidation::{Method, default_strength};
+use crate::consolidation::{Method, default_strength, searched_strengths};
 use crate::evaluation::{Errors, evaluate};
-use crate::protocol::{Candidate, best};
-
-/// Times the method's default strength.
-const FACTORS: [f64; 5] = [0.1, 0.3, 1.0, 3.0, 10.0];
+use crate::protocol::{Candidate, SEARCH_RULE, best};
 
 /// Every stage that a search for this method learns, if there is one.
 pub(super) fn stages(work: &Work<'_>, method: Method) -> Vec<Stage> {
@@ -19,7 +16,7 @@ pub(super) fn stages(work: &Work<'_>, method: Method) -> Vec<Stage> {
         return Vec::new();
     }
     let naive = work.stages(Method::Naive, first_seed(work), Strength::Auto);
-    let candidates = strengths(method).map(|strength| candidate_stages(work, method, strength));
+    let candidates = searched_strengths(method).into_iter().map(|strength| candidate_stages(work, method, strength));
     naive.into_iter().chain(candidates.flatten()).collect()
 }
 
@@ -42,7 +39,7 @@ fn search(work: &Work<'_>, method: Method) -> anyhow::Result<Choice> {
     let naive = work.line(&work.stages(Method::Naive, first_seed(work), Strength::Auto))?;
     let naive_diagonal: Vec<f64> = (0..naive.len()).map(|task| mse(&validated(work, &naive[task])[task])).collect();
     let mut candidates = Vec::new();
-    for strength in strengths(method) {
+    for strength in searched_strengths(method) {
         let line = work.line(&candidate_stages(work, method, strength))?;
         candidates.push(candidate(strength, &line.iter().map(|stage| validated(work, stage)).collect::<Vec<_>>()));
     }
@@ -62,10 +59,6 @@ fn is_searched(work: &Work<'_>, method: Method) -> bool {
 
 fn first_seed(work: &Work<'_>) -> u64 {
     work.options.seeds[0]
-}
-
-fn strengths(method: Method) -> impl Iterator<Item = f64> {
-    FACTORS.into_iter().map(move |factor| factor * default_strength(method))
 }
 
 fn candidate_stages(work: &Work<'_>, method: Method, strength: f64) -> Vec<Stage> {
@@ -109,7 +102,7 @@ fn seen(seed: u64, chosen: f64, candidates: &[Candidate], naive_diagonal: &[f64]
         "events": "validation events of every task, also of those learned earlier",
         "seed": seed,
         "chosen": chosen,
-        "rule": "fewest collisions on tasks seen; of these within 5 % of the least cost, the mean over tasks of R[T,j] / naive's R[j,j]; of these within 5 % of the least greater of forgetting ratio, plasticity loss and 1; of these the strongest",
+        "rule": SEARCH_RULE,
         "naive_diagonal": naive_diagonal,
         "candidates": each.collect::<Vec<_>>(),
     })
