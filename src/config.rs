@@ -268,6 +268,8 @@ fn merge(below: &mut Table, above: Table) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::consolidation::Method;
+    use crate::lineage::Strength;
 
     fn variables(given: &[(&str, &str)]) -> Result<Vec<Layer>, ConfigError> {
         Layer::variables(given.iter().map(|&(name, text)| (name.to_owned(), text.to_owned())))
@@ -298,7 +300,9 @@ mod tests {
     #[test]
     fn a_setting_without_a_default_can_be_set() {
         let config = Config::resolve([Layer::one("--x", "model.strength", "2.5")]).unwrap();
-        assert_eq!(config.model.strength, Some(2.5));
+        assert_eq!(config.model.strength, Some(Strength::Fixed(2.5)));
+        let config = Config::resolve([Layer::one("--x", "model.strength", "auto")]).unwrap();
+        assert!(config.model.searches_strength(Method::Ewc));
     }
 
     #[test]

@@ -143,6 +143,7 @@ impl Watcher {
         let body = json!({
             "task_id": task_id(self.task),
             "progress": progress.share,
+            "search": progress.search,
             "epoch": update.epoch,
             "update": update.update,
             "updates": update.updates,

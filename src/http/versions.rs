@@ -41,6 +41,7 @@ fn body(model: &Model, version: &Version) -> Value {
         "seed": version.settings.seed,
         "strength": version.strength,
         "lambda": version.lambda,
+        "strength_search": version.strength_search,
         "weights_sha256": version.weights_sha256,
         "events": version.train_events,
         "events_sha256": version.events_sha256,

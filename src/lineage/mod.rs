@@ -8,6 +8,8 @@ mod regime;
 mod preset;
 mod settings;
 mod split;
+mod strength;
+mod strength_search;
 mod task;
 mod task_settings;
 mod version;
@@ -20,5 +22,7 @@ pub use promotion::{Promotion, PromotionDecision, PromotionPolicy, RegimeCompari
 pub use regime::{RegimeRule, Schedule, SpeedBands};
 pub use settings::{ModelSettings, SettingsError};
 pub use split::Split;
+pub use strength::{Auto, Strength};
+pub use strength_search::{SearchedRegime, SearchedStrength, StrengthSearch};
 pub use task::{Task, TaskError, TaskState};
 pub use version::{RegimeEvaluation, ServedMeasures, TestMeasures, Version};

@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use super::regime::{RegimeRule, Schedule};
-use super::{Preset, PromotionPolicy};
+use super::{Preset, PromotionPolicy, Strength};
 use crate::consolidation::{Accumulation, Estimator, MasOutput, Method, Output, PenaltyStep};
 use crate::driver::{Features, Memory};
 use crate::training::RateSchedule;
@@ -47,7 +47,7 @@ pub struct ModelSettings {
     /// Below this and below the recorded spacing, a simulated spacing counts as a collision in the loss, m; 0 is the paper's.
     pub collision_margin_m: f64,
     /// Consolidation strength in the unit that carries over between data; null takes the method's default.
-    pub strength: Option<f64>,
+    pub strength: Option<Strength>,
     /// The formula's number; wins over `strength`.
     pub lambda: Option<f64>,
     /// How importance is estimated.
@@ -193,7 +193,7 @@ impl ModelSettings {
         real("collision_penalty", self.collision_penalty, 0.0, 1e9)?;
         real("backward_penalty", self.backward_penalty, 0.0, 1e9)?;
         real("collision_margin_m", self.collision_margin_m, 0.0, 100.0)?;
-        real("strength", self.strength.unwrap_or(1.0), 0.0, 1e12)?;
+        real("strength", self.strength.and_then(Strength::fixed).unwrap_or(1.0), 0.0, 1e12)?;
         real("lambda", self.lambda.unwrap_or(1.0), 0.0, 1e30)?;
         whole("estimator_draws", self.estimator_draws, 1, 16)?;
         real("online_decay", self.online_decay, 0.0, 1.0)?;
@@ -212,6 +212,10 @@ impl ModelSettings {
         if self.features == Features::Motion && self.memory == Memory::Window {
             let detail = "motion needs memory carried; raw goes with window (preset paper has both)";
             return Err(SettingsError::invalid("features", detail));
+        }
+        if matches!(self.strength, Some(Strength::Searched(_))) && self.lambda.is_some() {
+            let detail = "auto leaves nothing to search where lambda is given: take one of them and null for the other";
+            return Err(SettingsError::invalid("strength", detail));
         }
         self.check_importance(None)
     }
@@ -247,6 +251,7 @@ impl SettingsError {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::lineage::Auto;
     use serde_json::json;
 
     #[test]
@@ -273,6 +278,21 @@ mod tests {
             stored.as_object_mut().unwrap().remove(name).unwrap();
         }
         assert_eq!(serde_json::from_value::<ModelSettings>(stored).unwrap(), Preset::Paper.settings());
+    }
+
+    #[test]
+    fn a_strength_is_a_number_a_search_or_the_methods_own() {
+        let strength = |value: Value| ModelSettings::default().overridden(&json!({ "strength": value }));
+        assert_eq!(strength(json!("auto")).unwrap().strength, Some(Strength::Searched(Auto::Auto)));
+        assert_eq!(strength(json!(2)).unwrap().strength, Some(Strength::Fixed(2.0)));
+        assert_eq!(strength(Value::Null).unwrap().strength, None);
+        for value in [json!("automatic"), json!(-1.0), json!(true), json!({})] {
+            assert_eq!(strength(value).unwrap_err().name, "strength");
+        }
+        let searched = strength(json!("auto")).unwrap();
+        assert_eq!(serde_json::to_value(&searched).unwrap()["strength"], json!("auto"));
+        assert_eq!(searched.overridden(&json!({"lambda": 5.0})).unwrap_err().name, "strength");
+        assert_eq!(searched.overridden(&json!({"lambda": 5.0, "strength": null})).unwrap().lambda, Some(5.0));
     }
 
     #[test]

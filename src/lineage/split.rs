@@ -9,7 +9,7 @@ use sha2::{Digest, Sha256};
 pub enum Split {
     /// Learned from.
     Train,
-    /// Driven after every epoch, to see how far learning is.
+    /// Driven after every epoch, to see how far learning is, and to find a strength.
     Validation,
     /// Kept for evaluation.
     Test,

@@ -2,8 +2,8 @@
 
 use serde_json::Value;
 
-use super::{ModelSettings, SettingsError};
-use crate::consolidation::ImportanceOptions;
+use super::{ModelSettings, SettingsError, Strength};
+use crate::consolidation::{ImportanceOptions, Method};
 use crate::driver::DriverShape;
 use crate::training::LearnSettings;
 
@@ -67,7 +67,13 @@ impl ModelSettings {
         }
     }
 
-    /// The settings of the arithmetic.
+    /// Whether a task of this method that continues a version has to find its strength.
+    #[must_use]
+    pub fn searches_strength(&self, method: Method) -> bool {
+        method.consolidates() && matches!(self.strength, Some(Strength::Searched(_)))
+    }
+
+    /// The settings of the arithmetic; a strength that has to be found is the method's own until then.
     #[must_use]
     pub fn learning(&self) -> LearnSettings {
         LearnSettings {
@@ -81,7 +87,7 @@ impl ModelSettings {
             collision_penalty: self.collision_penalty as f32,
             backward_penalty: self.backward_penalty as f32,
             collision_margin_m: self.collision_margin_m as f32,
-            strength: self.strength,
+            strength: self.strength.and_then(Strength::fixed),
             lambda: self.lambda,
             importance: self.importance(),
             accumulation: self.accumulation,
@@ -105,5 +111,14 @@ mod tests {
         assert_eq!(model.for_task(&json!({"epochs": 9, "hidden": 128})).unwrap().epochs, 9);
         assert_eq!(model.for_task(&json!({"hidden": 64})).unwrap_err().name, "hidden");
         assert_eq!(model.for_task(&Value::Null).unwrap(), model);
+    }
+
+    #[test]
+    fn only_what_consolidates_searches_and_only_when_asked() {
+        let searched = ModelSettings::default().for_task(&json!({"strength": "auto"})).unwrap();
+        assert!(searched.searches_strength(Method::Ewc) && searched.searches_strength(Method::ReplayMas));
+        assert!(!searched.searches_strength(Method::Naive) && !searched.searches_strength(Method::Replay));
+        assert!(!ModelSettings::default().searches_strength(Method::Ewc));
+        assert_eq!(searched.learning().strength, None);
     }
 }

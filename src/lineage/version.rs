@@ -4,7 +4,7 @@ use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use super::{ModelSettings, Promotion, RegimeName};
+use super::{ModelSettings, Promotion, RegimeName, StrengthSearch};
 use crate::consolidation::Method;
 use crate::evaluation::{Errors, ServedErrors};
 
@@ -31,6 +31,8 @@ pub struct Version {
     pub strength: Option<f64>,
     /// The number that ended up in the formula; null where unused.
     pub lambda: Option<f64>,
+    /// How the strength was found; none where it was not searched.
+    pub strength_search: Option<StrengthSearch>,
     /// Name of the arithmetic that made it.
     pub kernel: String,
     /// Training events of its stage.

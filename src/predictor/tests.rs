@@ -40,6 +40,7 @@ fn outcome(settings: &ModelSettings, weight: f32, judged_against: Option<i64>) -
         settings: settings.clone(),
         strength: None,
         lambda: None,
+        strength_search: None,
         kernel: "none".to_owned(),
         train_events: 1,
         events_sha256: [0; 32],

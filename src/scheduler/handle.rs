@@ -14,6 +14,7 @@ use super::running::{RunningTasks, TaskProgress};
 use super::settings::SchedulerSettings;
 use crate::predictor::Predictor;
 use crate::store::Store;
+use crate::training::{LearnError, Learned, Observer, StageInput};
 
 /// Decides which task runs when. Cheap to clone; all clones are one scheduler.
 #[derive(Clone)]
@@ -37,6 +38,25 @@ pub(super) struct Inner {
 impl fmt::Debug for Scheduler {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.debug_struct("Scheduler").field("settings", &self.0.settings).finish_non_exhaustive()
+    }
+}
+
+impl Inner {
+    /// Learns a stage from `checkpoint`; from the start when that one is of no use.
+    pub(super) fn learn_or_afresh(
+        &self,
+        task_id: i64,
+        input: &StageInput<'_>,
+        checkpoint: Option<&[u8]>,
+        observer: &mut dyn Observer,
+    ) -> Result<Learned, LearnError> {
+        match self.learner.learn(input, checkpoint, &self.workers, observer) {
+            Err(LearnError::Checkpoint(detail)) if checkpoint.is_some() => {
+                tracing::warn!(task_id, detail, "a checkpoint does not fit; the stage starts afresh");
+                self.learner.learn(input, None, &self.workers, observer)
+            }
+            learned => learned,
+        }
     }
 }
 

@@ -7,8 +7,8 @@ use super::handle::Scheduler;
 use super::observer::JobObserver;
 use super::running::{Running, StopReason};
 use super::stage::Stage;
-use super::verdict;
-use crate::lineage::{Task, TaskError};
+use super::{search, verdict};
+use crate::lineage::{StrengthSearch, Task, TaskError};
 use crate::store::outcome::{self, Finished, Overtaken};
 use crate::store::{StoreError, task};
 use crate::training::{LearnError, Learned};
@@ -78,12 +78,16 @@ async fn run(scheduler: Scheduler, task: Task, running: Running) -> Result<Finis
         let detail = "none of the task's events is for training".to_owned();
         return Err(JobError::Failed(TaskError { code: "no_training_events".to_owned(), detail }));
     }
-    let learned = learn(&scheduler, &stage, &running).await?;
-    finish(&scheduler, &stage, learned).await
+    let (learned, search) = learn(&scheduler, &stage, &running).await?;
+    finish(&scheduler, &stage, learned, search).await
 }
 
-/// Learns the stage from its last checkpoint; from the start when that one is of no use.
-async fn learn(scheduler: &Scheduler, stage: &Arc<Stage>, running: &Running) -> Result<Learned, JobError> {
+/// Learns the stage from its last checkpoint, with a strength that is searched where it has to be.
+async fn learn(
+    scheduler: &Scheduler,
+    stage: &Arc<Stage>,
+    running: &Running,
+) -> Result<(Learned, Option<StrengthSearch>), JobError> {
     let task_id = stage.task.task_id;
     let checkpoint = match scheduler.0.store.checkpoint(task_id).await {
         Err(error @ StoreError::Malformed { .. }) => {
@@ -95,22 +99,30 @@ async fn learn(scheduler: &Scheduler, stage: &Arc<Stage>, running: &Running) -> 
     let mut observer = JobObserver::new(scheduler, task_id, running.clone());
     let (scheduler, stage) = (scheduler.clone(), Arc::clone(stage));
     let learned = tokio::task::spawn_blocking(move || {
-        let inner = &scheduler.0;
-        let input = stage.input();
-        match inner.learner.learn(&input, checkpoint.as_deref(), &inner.workers, &mut observer) {
-            Err(LearnError::Checkpoint(detail)) if checkpoint.is_some() => {
-                tracing::warn!(task_id, detail, "a checkpoint does not fit; the task starts afresh");
-                inner.learner.learn(&input, None, &inner.workers, &mut observer)
-            }
-            learned => learned,
+        let (inner, checkpoint) = (&*scheduler.0, checkpoint.as_deref());
+        let plainly = |observer: &mut JobObserver| inner.learn_or_afresh(task_id, &stage.input(), checkpoint, observer);
+        match &stage.search {
+            None => Ok((plainly(&mut observer)?, None)),
+            Some(validated) => match search::hindrance(validated) {
+                Some(why) => Ok((plainly(&mut observer)?, Some(search::not_searched(&stage, validated, why)))),
+                None => search::learn(inner, &stage, validated, checkpoint, &mut observer)
+                    .map(|(learned, search)| (learned, Some(search))),
+            },
         }
     });
-    Ok(learned.await??)
+    let learned: Result<_, LearnError> = learned.await?;
+    Ok(learned?)
 }
 
 /// Measures the new version, lets the policy decide, and writes it all; tells the predictor.
-async fn finish(scheduler: &Scheduler, stage: &Stage, learned: Learned) -> Result<Finished, JobError> {
+async fn finish(
+    scheduler: &Scheduler,
+    stage: &Stage,
+    learned: Learned,
+    search: Option<StrengthSearch>,
+) -> Result<Finished, JobError> {
     let mut verdict = verdict::measure(scheduler, stage, learned).await?;
+    verdict.outcome.strength_search = search;
     loop {
         let live = scheduler.0.store.model_by_id(stage.model.model_id).await?.live;
         verdict.decide(scheduler, stage, live).await?;

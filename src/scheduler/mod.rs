@@ -12,6 +12,7 @@ mod job;
 mod learner;
 mod observer;
 mod running;
+mod search;
 mod settings;
 mod stage;
 #[cfg(test)]
@@ -22,6 +23,6 @@ mod verdict;
 
 pub use handle::Scheduler;
 pub use learner::{Learner, Training};
-pub use running::TaskProgress;
+pub use running::{SearchPlace, TaskProgress};
 pub use settings::{MOST_THREADS, SchedulerSettings};
 pub use tick::TickOutcome;

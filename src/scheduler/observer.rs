@@ -7,7 +7,7 @@ use jiff::Timestamp;
 use tokio::runtime::Handle;
 
 use super::handle::Scheduler;
-use super::running::{Running, StopReason, TaskProgress};
+use super::running::{Running, SearchPlace, StopReason, TaskProgress};
 use crate::lineage::TestMeasures;
 use crate::store::Store;
 use crate::training::{Interim, Observer, Progress};
@@ -21,8 +21,8 @@ pub(super) struct JobObserver {
     clock: fn() -> Timestamp,
     checkpoint_every: Duration,
     last_checkpoint: Instant,
-    /// When the first update of this attempt was done, and its number.
-    first: Option<(Instant, u64)>,
+    /// When the first update of this attempt was done, and the share done by then.
+    first: Option<(Instant, f64)>,
 }
 
 impl JobObserver {
@@ -40,26 +40,38 @@ impl JobObserver {
         }
     }
 
-    fn seconds_left(&mut self, progress: &Progress) -> Option<f64> {
-        let (since, first) = *self.first.get_or_insert((Instant::now(), progress.update));
-        let done = progress.update.checked_sub(first).filter(|&done| done > 0)?;
-        let left = progress.updates.saturating_sub(progress.update);
-        Some(since.elapsed().as_secs_f64() / done as f64 * left as f64)
+    /// Tells how far the task is; whether to go on.
+    pub(super) fn tell(&mut self, share: f64, progress: &Progress, search: Option<SearchPlace>) -> bool {
+        let seconds_left = self.seconds_left(share);
+        self.running.progress.send_modify(|told| {
+            *told = TaskProgress { share, update: Some(*progress), search, seconds_left, interim: told.interim };
+        });
+        self.running.stop.asked().is_none()
     }
-}
 
-fn share(progress: &Progress) -> f64 {
-    progress.update as f64 / progress.updates.max(1) as f64
+    fn seconds_left(&mut self, share: f64) -> Option<f64> {
+        let (since, first) = *self.first.get_or_insert((Instant::now(), share));
+        let done = Some(share - first).filter(|&done| done > 0.0)?;
+        Some(since.elapsed().as_secs_f64() / done * (1.0 - share))
+    }
+
+    /// Saves the task's checkpoint, unless nobody wants it any more.
+    pub(super) fn save(&mut self, share: f64, state: &[u8]) {
+        if self.running.stop.asked() == Some(StopReason::Cancel) {
+            return;
+        }
+        let saved = self.store.save_checkpoint(self.task_id, share, state, (self.clock)());
+        if let Err(error) = self.runtime.block_on(saved) {
+            // The task is not worse off than before: it goes on, and would resume from the checkpoint before.
+            tracing::warn!(task_id = self.task_id, %error, "a checkpoint could not be saved");
+        }
+        self.last_checkpoint = Instant::now();
+    }
 }
 
 impl Observer for JobObserver {
     fn updated(&mut self, progress: &Progress) -> bool {
-        let seconds_left = self.seconds_left(progress);
-        self.running.progress.send_modify(|told| {
-            *told =
-                TaskProgress { share: share(progress), update: Some(*progress), seconds_left, interim: told.interim };
-        });
-        self.running.stop.asked().is_none()
+        self.tell(progress.share(), progress, None)
     }
 
     fn evaluated(&mut self, interim: &Interim) {
@@ -76,14 +88,6 @@ impl Observer for JobObserver {
     }
 
     fn checkpoint(&mut self, progress: &Progress, state: Vec<u8>) {
-        if self.running.stop.asked() == Some(StopReason::Cancel) {
-            return;
-        }
-        let saved = self.store.save_checkpoint(self.task_id, share(progress), &state, (self.clock)());
-        if let Err(error) = self.runtime.block_on(saved) {
-            // The task is not worse off than before: it goes on, and would resume from the checkpoint before.
-            tracing::warn!(task_id = self.task_id, %error, "a checkpoint could not be saved");
-        }
-        self.last_checkpoint = Instant::now();
+        self.save(progress.share(), &state);
     }
 }

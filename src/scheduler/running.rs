@@ -4,6 +4,7 @@ use std::collections::HashMap;
 use std::sync::atomic::{AtomicU8, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
+use serde::Serialize;
 use tokio::sync::watch;
 
 use crate::lineage::TestMeasures;
@@ -42,8 +43,10 @@ impl Stop {
 pub struct TaskProgress {
     /// Share done, 0–1.
     pub share: f64,
-    /// Of the stage; none before the first update.
+    /// Of the stage under way; none before the first update.
     pub update: Option<Progress>,
+    /// Which stage of a search for a strength that is; none where nothing is searched.
+    pub search: Option<SearchPlace>,
     /// At the present rate, s; none before the first update.
     pub seconds_left: Option<f64>,
     /// Epochs done, and how the network drove the task's validation events after the last of them.
@@ -53,8 +56,19 @@ pub struct TaskProgress {
 impl TaskProgress {
     /// Of a task that has done `share` of its updates.
     pub(super) fn started(share: f64) -> Self {
-        Self { share, update: None, seconds_left: None, interim: None }
+        Self { share, update: None, search: None, seconds_left: None, interim: None }
     }
+}
+
+/// Where a search for a strength is.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct SearchPlace {
+    /// The stage under way, from 1: the one without a penalty, the candidates, the one that is kept.
+    pub learning: u32,
+    /// Stages in all.
+    pub of: u32,
+    /// Its strength; 0 without a penalty.
+    pub strength: f64,
 }
 
 /// A task of this process.

@@ -1,12 +1,14 @@
 //! Everything a task's stage starts from, loaded from the store.
 
+use std::collections::HashMap;
+
 use sha2::{Digest, Sha256};
 
 use super::error::JobError;
 use crate::car_following::Event;
 use crate::consolidation::{Method, RegimeMemory};
 use crate::driver::Scaling;
-use crate::lineage::{Model, ModelSettings, Task, TaskError, Version};
+use crate::lineage::{Model, ModelSettings, RegimeName, Task, TaskError, Version};
 use crate::store::{LedgerEvent, LineRegime, Store, StoreError};
 use crate::training::{ReplayedRegime, StageInput};
 
@@ -28,6 +30,15 @@ pub(super) struct Stage {
     memories: Vec<RegimeMemory>,
     /// Training events of the line's earlier stages, at the model's step.
     replay: Vec<ReplayedRegime>,
+    /// What a search for the strength drives: regimes learned earlier, then the new one. None where nothing is searched.
+    pub(super) search: Option<Vec<Validated>>,
+}
+
+/// Validation events of one regime, at the model's step; each longer than the horizon.
+#[derive(Debug)]
+pub(super) struct Validated {
+    pub(super) regime: RegimeName,
+    pub(super) events: Vec<Event>,
 }
 
 /// A version with its weights, ready to be measured.
@@ -97,7 +108,13 @@ impl Stage {
         let train = at_step(events, settings.dt_s);
         let validation = store.validation_events(task.task_id, settings.test_reservoir).await?;
         let validation = at_step(validation, settings.dt_s);
-        Ok(Self { task, model, settings, number, parent, train, validation, events_sha256, memories, replay })
+        let search = match &parent {
+            Some(parent) if settings.searches_strength(model.method) => {
+                Some(validated(store, &task, &settings, parent, &validation).await?)
+            }
+            _ => None,
+        };
+        Ok(Self { task, model, settings, number, parent, train, validation, events_sha256, memories, replay, search })
     }
 
     /// What the arithmetic is told.
@@ -116,6 +133,30 @@ impl Stage {
             validation: &self.validation,
         }
     }
+}
+
+/// The validation events of every regime the parent's line has learned and of the task's own, which counts as new even when
+/// it was learned before.
+async fn validated(
+    store: &Store,
+    task: &Task,
+    settings: &ModelSettings,
+    parent: &Known,
+    own: &[Event],
+) -> Result<Vec<Validated>, StoreError> {
+    let limit = settings.test_reservoir;
+    let stored = store.line_validation_events(task.model_id, task.task_id, parent.version.version, limit).await?;
+    let mut stored: HashMap<_, _> = stored.into_iter().collect();
+    let long_enough = |events: Vec<Event>| -> Vec<Event> {
+        events.into_iter().filter(|event| event.steps() > settings.horizon as usize).collect()
+    };
+    let names = parent.regimes.iter().map(|regime| &regime.evaluation.regime).filter(|name| **name != task.regime);
+    let earlier = names.map(|name| {
+        let events = stored.remove(name.as_str()).unwrap_or_default();
+        Validated { regime: name.clone(), events: long_enough(at_step(events, settings.dt_s)) }
+    });
+    let new = Validated { regime: task.regime.clone(), events: long_enough(own.to_vec()) };
+    Ok(earlier.chain([new]).collect())
 }
 
 /// Stored events at the model's step.

@@ -131,6 +131,7 @@ fn outcome(stage: &Stage, learned: Learned, reservoir: Vec<i64>, regimes: Vec<Ou
         settings: stage.settings.clone(),
         strength: learned.strength,
         lambda: learned.lambda,
+        strength_search: None,
         kernel: learned.kernel,
         train_events: stage.train.len() as u64,
         events_sha256: stage.events_sha256,

@@ -8,7 +8,7 @@ use super::column::{digest, stored_ids};
 use super::line::with_line;
 use super::{Store, StoreError};
 use crate::car_following::Event;
-use crate::lineage::RegimeName;
+use crate::lineage::{RegimeName, Split};
 
 /// A stored event and its content digest.
 #[derive(Debug, Clone, PartialEq)]
@@ -104,12 +104,37 @@ impl Store {
         parent: i64,
         limit: u32,
     ) -> Result<Vec<(String, Vec<LedgerEvent>)>, StoreError> {
+        self.line_events_by_regime(Split::Train, model_id, task_id, parent, limit).await
+    }
+
+    /// The same of validation events: what a search for a strength drives beside the task's own.
+    ///
+    /// # Errors
+    /// When the database cannot be read.
+    pub async fn line_validation_events(
+        &self,
+        model_id: i64,
+        task_id: i64,
+        parent: i64,
+        limit: u32,
+    ) -> Result<Vec<(String, Vec<LedgerEvent>)>, StoreError> {
+        self.line_events_by_regime(Split::Validation, model_id, task_id, parent, limit).await
+    }
+
+    async fn line_events_by_regime(
+        &self,
+        split: Split,
+        model_id: i64,
+        task_id: i64,
+        parent: i64,
+        limit: u32,
+    ) -> Result<Vec<(String, Vec<LedgerEvent>)>, StoreError> {
         let mut rows = query(with_line!(
             "?2",
             ", learned as (
                  select distinct line.regime, e.event_id, e.content_sha256
                  from line join task_event te using (task_id) join event e using (event_id)
-                 where e.split = 'train' and e.event_id not in (select event_id from task_event where task_id = ?3)
+                 where e.split = ?5 and e.event_id not in (select event_id from task_event where task_id = ?3)
              ),
              ranked as (
                  select *, row_number() over (partition by regime order by content_sha256) as place from learned
@@ -122,6 +147,7 @@ impl Store {
         .bind(parent)
         .bind(task_id)
         .bind(limit)
+        .bind(split.as_str())
         .fetch(&self.readers);
         let mut regimes: Vec<(String, Vec<LedgerEvent>)> = Vec::new();
         while let Some(row) = rows.try_next().await? {

@@ -160,8 +160,8 @@ mod tests {
         "insert into model (name, method, settings, created_at) values ('m', 'naive', '{}', '2026-01-01T00:00:00Z')",
         "insert into version (model_id, version, stage, regime, method, settings, seed, kernel, train_events, events_sha256,
              scaling, weights_sha256, promotion, created_at)
-         values (1, 1, 1, 'fast', 'naive', '{\"envelope\": false}', 42, 'none', 1, zeroblob(32), '{}', zeroblob(32), '{}',
-             '2026-01-01T00:00:00Z')",
+         values (1, 1, 1, 'fast', 'naive', '{\"envelope\": false}', 42, 'none', 1, zeroblob(32), '{}', zeroblob(32),
+             '{\"policy\": \"auto\", \"decision\": \"promoted\", \"reason\": \"\"}', '2026-01-01T00:00:00Z')",
         "insert into reservoir (model_id, event_ids) values (1, x'')",
         "insert into version_regime (model_id, version, position, regime, learned_stage, learned_version, reservoir_id,
              test_events, test_steps, spacing_mse, speed_mse, collisions)
@@ -169,7 +169,7 @@ mod tests {
     ];
 
     #[tokio::test]
-    async fn a_version_of_the_first_release_keeps_its_figures_and_has_none_of_an_envelope() {
+    async fn a_version_of_the_first_release_keeps_its_figures_and_has_none_of_what_came_later() {
         let directory = tempfile::tempdir().unwrap();
         let path = directory.path().join("headway.db");
         let options = SqliteConnectOptions::new().filename(&path).create_if_missing(true);
@@ -186,5 +186,6 @@ mod tests {
         let evaluation = store.evaluation(1, 1).await.unwrap().remove(0);
         assert_eq!(evaluation.measures.unwrap().spacing_mse, 2.5);
         assert_eq!(evaluation.served, None);
+        assert_eq!(store.version(1, 1).await.unwrap().unwrap().strength_search, None);
     }
 }

@@ -23,6 +23,7 @@ fn outcome(judged_against: Option<i64>, decision: PromotionDecision) -> Outcome 
         settings: ModelSettings::default(),
         strength: None,
         lambda: None,
+        strength_search: None,
         kernel: "none".to_owned(),
         train_events: 1,
         events_sha256: [0; 32],

@@ -9,7 +9,7 @@ use super::history::{self, Change};
 use super::pointers::{self, Pointers};
 use super::{StoreError, WriteTransaction};
 use crate::consolidation::{Method, RegimeMemory};
-use crate::lineage::{ModelSettings, Promotion, PromotionDecision, RegimeEvaluation, TaskError};
+use crate::lineage::{ModelSettings, Promotion, PromotionDecision, RegimeEvaluation, StrengthSearch, TaskError};
 
 /// What a finished task has to write.
 #[derive(Debug, Clone)]
@@ -22,6 +22,8 @@ pub struct Outcome {
     pub strength: Option<f64>,
     /// The number in the formula; none where unused.
     pub lambda: Option<f64>,
+    /// How the strength was found; none where it was not searched.
+    pub strength_search: Option<StrengthSearch>,
     /// Name of the arithmetic.
     pub kernel: String,
     /// How many events were learned.
@@ -142,9 +144,10 @@ async fn insert_version(
     let weights = stored_floats(&outcome.weights);
     let row = query(
         "insert into version (model_id, version, task_id, parent, stage, regime, method, settings, seed, strength,
-             lambda, kernel, train_events, events_sha256, scaling, importance, weights_sha256, promotion, created_at)
+             lambda, kernel, train_events, events_sha256, scaling, importance, weights_sha256, promotion, created_at,
+             strength_search)
          values (?1, 1 + coalesce((select max(version) from version where model_id = ?1), 0), ?2, ?3, ?4, ?5, ?6, ?7, ?8,
-             ?9, ?10, ?11, ?12, ?13, ?14, ?15, ?16, ?17, ?18)
+             ?9, ?10, ?11, ?12, ?13, ?14, ?15, ?16, ?17, ?18, ?19)
          returning version",
     )
     .bind(model_id)
@@ -165,6 +168,7 @@ async fn insert_version(
     .bind(&sha256(&[&weights])[..])
     .bind(plain(&outcome.promotion))
     .bind(stored_time(now))
+    .bind(outcome.strength_search.as_ref().map(plain))
     .fetch_one(&mut **transaction)
     .await?;
     let version = row.try_get("version")?;

@@ -14,7 +14,7 @@ macro_rules! select_version {
     ($rest:literal) => {
         concat!(
             "select v.model_id, v.version, v.task_id, v.parent, v.stage, v.regime, v.method, v.settings, v.strength, ",
-            "v.lambda, v.kernel, v.train_events, v.events_sha256, v.scaling, v.importance, v.weights_sha256, ",
+            "v.lambda, v.strength_search, v.kernel, v.train_events, v.events_sha256, v.scaling, v.importance, v.weights_sha256, ",
             "v.promotion, v.created_at, n.note from version v ",
             "left join version_note n on n.model_id = v.model_id and n.version = v.version ",
             $rest
@@ -34,6 +34,7 @@ fn version_from(row: &SqliteRow) -> Result<Version, StoreError> {
         settings: json(row, "settings")?,
         strength: row.try_get("strength")?,
         lambda: row.try_get("lambda")?,
+        strength_search: json(row, "strength_search")?,
         kernel: row.try_get("kernel")?,
         train_events: count(row, "train_events")?,
         events_sha256: hex::encode(digest(row, "events_sha256")?),

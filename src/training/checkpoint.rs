@@ -5,6 +5,7 @@ use sha2::{Digest, Sha256};
 use super::adam::Adam;
 use super::input::StageInput;
 use super::observer::Interim;
+use super::order::by_content;
 use crate::car_following::Event;
 use crate::consolidation::PathIntegral;
 use crate::evaluation::Errors;
@@ -126,6 +127,14 @@ impl Checkpoint {
 }
 
 /// Digest of everything a stage's result depends on.
+#[must_use]
+pub fn stage_fingerprint(input: &StageInput<'_>) -> [u8; 32] {
+    let train: Vec<&Event> =
+        by_content(input.train, input.settings.shape.horizon).into_iter().map(|i| &input.train[i]).collect();
+    fingerprint(input, &train)
+}
+
+/// The same, with the training events that are long enough in the order of their digests.
 pub(super) fn fingerprint(input: &StageInput<'_>, train: &[&Event]) -> [u8; 32] {
     let mut hasher = Sha256::new();
     let kept: Vec<_> = input.memory.iter().map(|m| (&m.regime, m.samples, m.stage)).collect();

@@ -22,6 +22,14 @@ pub struct Progress {
     pub events_per_s: f64,
 }
 
+impl Progress {
+    /// Of the updates, done, 0–1.
+    #[must_use]
+    pub fn share(&self) -> f64 {
+        self.update as f64 / self.updates.max(1) as f64
+    }
+}
+
 /// How the network drives the validation events after an epoch.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Interim {

@@ -25,6 +25,8 @@ mod problems;
 mod serving;
 /// Stopping and starting again.
 mod stopping;
+/// Strengths that are searched.
+mod strength;
 /// Learning on request.
 mod tasks;
 /// Each format, good and bad.

@@ -18,7 +18,7 @@ use super::state::{State, StoredStage};
 use crate::car_following::Event;
 use crate::consolidation::Method;
 use crate::driver::Scaling;
-use crate::lineage::ModelSettings;
+use crate::lineage::{self, ModelSettings};
 use crate::lstm::kernel_name;
 use crate::training::{LearnSettings, Learned, Line, ReplayedRegime, StageInput, learn_stage};
 
@@ -247,7 +247,7 @@ impl<'a> Work<'a> {
             // Nothing is held yet at stage 1, so that its result is one for all strengths.
             _ if stage.number == 1 => {}
             Strength::Auto => {}
-            Strength::Fixed(strength) => settings.strength = Some(strength),
+            Strength::Fixed(strength) => settings.strength = Some(lineage::Strength::Fixed(strength)),
             Strength::Lambda(lambda) => settings.lambda = Some(lambda),
         }
         settings

@@ -17,13 +17,18 @@ use crate::training::{LearnError, Learned, Observer, Progress, StageInput};
 const UPDATES: u64 = 4;
 
 /// What happens when a regime is learned; regimes that are not named are learned.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy)]
 pub(super) enum Behaviour {
     Diverge,
     Panic,
     /// Ends with this squared error per step on every event.
     Err(f32),
+    /// Ends as the strength says: with these squared errors per step on events before and from [`NEW`] on; none diverges.
+    ByStrength(fn(Option<f64>) -> Option<[f32; 2]>),
 }
+
+/// The first mark of events that [`Behaviour::ByStrength`] has for new.
+const NEW: f32 = 10.0;
 
 /// Told of every update; leave to go on.
 pub(super) type Pacing = (UnboundedSender<u64>, mpsc::Receiver<()>);
@@ -55,6 +60,21 @@ impl Fake {
 
     fn note(&self, line: String) {
         self.log.lock().unwrap().push(line);
+    }
+
+    fn note_start(&self, input: &StageInput<'_>, update: u64) {
+        let kept: Vec<_> = input.memory.iter().map(|memory| memory.regime.as_str()).collect();
+        let replayed: Vec<_> =
+            input.replay.iter().map(|of| format!(", {} of {}", of.events.len(), of.regime)).collect();
+        let strength = input.settings.strength.map(|strength| format!(", strength {strength}")).unwrap_or_default();
+        self.note(format!(
+            "{} stage {} from update {update}, {} events, keeps [{}]{}{strength}",
+            input.regime,
+            input.stage,
+            input.train.len(),
+            kept.join(" "),
+            replayed.concat()
+        ));
     }
 
     fn wait(&self, update: u64) {
@@ -91,24 +111,19 @@ impl Learner for Fake {
             update = u64::from(state[0]);
             weight = f32::from_le_bytes(state[1..5].try_into().unwrap());
         }
-        let kept: Vec<_> = input.memory.iter().map(|memory| memory.regime.as_str()).collect();
-        let replayed: Vec<_> =
-            input.replay.iter().map(|of| format!(", {} of {}", of.events.len(), of.regime)).collect();
-        self.note(format!(
-            "{} stage {} from update {update}, {} events, keeps [{}]{}",
-            input.regime,
-            input.stage,
-            input.train.len(),
-            kept.join(" "),
-            replayed.concat()
-        ));
+        self.note_start(input, update);
         while update < UPDATES {
             update += 1;
             weight = weight * 0.5 + input.train.iter().map(|event| event.spacing_m()[0]).sum::<f32>() / 1000.0;
-            if behaviour == Some(Behaviour::Diverge) {
+            let diverges = match behaviour {
+                Some(Behaviour::Diverge) => true,
+                Some(Behaviour::ByStrength(errors)) => errors(input.settings.strength).is_none(),
+                _ => false,
+            };
+            if diverges {
                 return Err(LearnError::Diverged { update, detail: "as told".to_owned() });
             }
-            assert!(behaviour != Some(Behaviour::Panic), "as told");
+            assert!(!matches!(behaviour, Some(Behaviour::Panic)), "as told");
             self.wait(update);
             let progress = Progress { epoch: 1, update, updates: UPDATES, loss: 1.0, penalty: 0.0, events_per_s: 1.0 };
             let go_on = observer.updated(&progress);
@@ -124,7 +139,12 @@ impl Learner for Fake {
         if let Some(Behaviour::Err(error)) = behaviour {
             weight = error;
         }
-        let weights = vec![weight; input.settings.shape.layout().len()];
+        let mut weights = vec![weight; input.settings.shape.layout().len()];
+        if let Some(Behaviour::ByStrength(errors)) = behaviour
+            && let Some(errors) = errors(input.settings.strength)
+        {
+            weights[..2].copy_from_slice(&errors);
+        }
         Ok(Learned {
             memory: input.method.consolidates().then(|| RegimeMemory {
                 regime: input.regime.to_owned(),
@@ -135,7 +155,7 @@ impl Learner for Fake {
             }),
             weights,
             scaling: scaling(),
-            strength: Some(1.0),
+            strength: input.settings.strength.or(Some(1.0)),
             lambda: None,
             kernel: "fake".to_owned(),
             update_s: 0.0,
@@ -145,9 +165,12 @@ impl Learner for Fake {
     fn evaluate(&self, _: DriverShape, _: &Scaling, weights: &[f32], events: &[Event], _: &ThreadPool) -> Errors {
         self.note(format!("drive {} events", events.len()));
         let steps = events.len() as u64;
-        let sum = f64::from(weights[0]) * steps as f64;
+        let is_new = |event: &&Event| event.spacing_m()[0] > 20.0 + (NEW - 0.5) / 100.0;
+        let new = events.iter().filter(is_new).count() as f64;
+        let sum = f64::from(weights[0]) * (steps as f64 - new) + f64::from(weights[1]) * new;
         Errors { spacing_sq: sum, speed_sq: sum, collisions: 0, events: u32::try_from(steps).unwrap(), steps }
     }
+
     fn evaluate_served(
         &self,
         _: DriverShape,

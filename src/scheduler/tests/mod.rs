@@ -3,8 +3,10 @@
 mod cost;
 mod fake;
 mod lineage;
+mod pace;
 mod queue;
 mod stopping;
+mod strength;
 
 use std::sync::Arc;
 

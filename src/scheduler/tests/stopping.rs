@@ -1,39 +1,8 @@
 //! Cancel, pause, shutdown, rollback and crash in the middle of a task.
 
-use std::sync::mpsc;
-
-use tokio::sync::mpsc::{UnboundedReceiver, unbounded_channel};
-
+use super::pace::Pace;
 use super::*;
 use crate::store::task::{self, Cancelled};
-
-/// A test's side of a paced learner.
-struct Pace {
-    arrived: UnboundedReceiver<u64>,
-    leave: mpsc::Sender<()>,
-}
-
-impl Pace {
-    fn new() -> (Self, Script) {
-        let (arrived, at) = unbounded_channel();
-        let (go, leave) = mpsc::channel();
-        (Self { arrived: at, leave: go }, Script { pace: Some((arrived, leave)), ..Script::default() })
-    }
-
-    /// Waits until the learner has done this update; it waits too.
-    async fn until(&mut self, update: u64) {
-        while self.arrived.recv().await.unwrap() != update {
-            self.leave.send(()).unwrap();
-        }
-    }
-
-    /// Lets the learner go on, for ever.
-    fn free(self) {
-        for _ in 0..100 {
-            self.leave.send(()).unwrap();
-        }
-    }
-}
 
 /// An engine whose only task has done two of four updates, and waits.
 async fn half_way() -> (Engine, i64, Pace) {
