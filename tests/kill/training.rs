@@ -12,10 +12,19 @@ const EVENTS: usize = 36;
 const EPOCHS: u64 = 20;
 const MINIBATCH: u64 = 8;
 
-/// A server with two tasks in line.
-async fn with_tasks(checkpoint_s: &str) -> (Home, Process) {
+/// What is disturbed.
+#[derive(Clone, Copy)]
+struct Case {
+    /// Beside those of every test.
+    settings: &'static [&'static str],
+    /// The task whose process is the first to die.
+    from: i64,
+}
+
+/// A server with two tasks in line, and further settings.
+async fn with_tasks(checkpoint_s: &str, further: &[&str]) -> (Home, Process) {
     let (epochs, checkpoint) = (format!("model.epochs={EPOCHS}"), format!("training.checkpoint_s={checkpoint_s}"));
-    let schedule = ["model.schedule=manual", &epochs, &checkpoint];
+    let schedule = [&["model.schedule=manual", &epochs, &checkpoint], further].concat();
     let home = Home::new(&[&SETTINGS[..], &schedule].concat());
     let process = home.start();
     for regime in [TrafficRegime::Fast, TrafficRegime::Slow] {
@@ -81,9 +90,19 @@ struct Tally {
 }
 
 /// Kills the process at up to `kills` moments of the two tasks, and compares what comes out.
-async fn disturbed(plan: &mut Plan, checkpoint_s: &str, kills: u32, expected: &[Value], tally: &mut Tally) -> u32 {
-    let (home, mut process) = with_tasks(checkpoint_s).await;
-    let (mut task, mut floor, mut killed) = (1, 0.0, 0);
+async fn disturbed(
+    plan: &mut Plan,
+    checkpoint_s: &str,
+    case: Case,
+    kills: u32,
+    expected: &[Value],
+    tally: &mut Tally,
+) -> u32 {
+    let (home, mut process) = with_tasks(checkpoint_s, case.settings).await;
+    for quiet in 1..case.from {
+        process.end_of(&format!("t{quiet}")).await;
+    }
+    let (mut task, mut floor, mut killed) = (case.from, 0.0, 0);
     while task <= 2 && killed < kills {
         // The beginning, anywhere, the end.
         let share = [0.0, floor + (1.0 - floor) * plan.share(), 1.0][plan.below(3)];
@@ -122,16 +141,16 @@ async fn disturbed(plan: &mut Plan, checkpoint_s: &str, kills: u32, expected: &[
 /// With a checkpoint after every update, no more than the one under way is done again.
 fn check_redone(seen: &Seen, checkpointed: f64, expected: &[Value]) {
     let version = &expected[3 * usize::try_from(seen.task - 1).unwrap()];
-    let updates = version["events"].as_u64().unwrap().div_ceil(MINIBATCH) * EPOCHS;
+    // A search learns the stage without a penalty, with five strengths, and once more.
+    let stages = if version["strength_search"].is_null() { 1 } else { 7 };
+    let updates = version["events"].as_u64().unwrap().div_ceil(MINIBATCH) * EPOCHS * stages;
     #[expect(clippy::cast_precision_loss, reason = "small")]
     let redone = (seen.progress - checkpointed) * updates as f64;
     assert!(redone < 1.5, "{redone} updates are done again");
 }
 
-#[tokio::test]
-async fn a_task_goes_on_from_its_checkpoint_and_ends_with_the_same_bits_however_often_the_process_dies() {
-    let mut plan = Plan::new(3);
-    let (_home, process) = with_tasks("1000.0").await;
+async fn all_disturbed(mut plan: Plan, case: Case) {
+    let (_home, process) = with_tasks("1000.0", case.settings).await;
     let expected = outcome(&process).await;
     drop(process);
     let (mut left, mut tally) = (plan.kills, Tally::default());
@@ -140,7 +159,17 @@ async fn a_task_goes_on_from_its_checkpoint_and_ends_with_the_same_bits_however_
             break;
         }
         let kills = left.min(plan.kills.div_ceil(3)).min(6);
-        left -= disturbed(&mut plan, checkpoint_s, kills, &expected, &mut tally).await;
+        left -= disturbed(&mut plan, checkpoint_s, case, kills, &expected, &mut tally).await;
     }
     println!("{tally:?}");
+}
+
+#[tokio::test]
+async fn a_task_goes_on_from_its_checkpoint_and_ends_with_the_same_bits_however_often_the_process_dies() {
+    all_disturbed(Plan::new(3), Case { settings: &[], from: 1 }).await;
+}
+
+#[tokio::test]
+async fn a_search_for_a_strength_goes_on_and_finds_the_same_however_often_the_process_dies() {
+    all_disturbed(Plan::new(5), Case { settings: &["model.strength=auto"], from: 2 }).await;
 }
