@@ -6,4 +6,5 @@ mod forgetting;
 mod golden;
 mod importance;
 mod line;
+mod sampled;
 mod stages;
