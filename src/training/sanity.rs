@@ -25,9 +25,35 @@ pub(super) fn coasting_loss(events: &[&Event], shape: DriverShape, penalties: Pe
     sum / steps.max(1) as f64
 }
 
+/// Acceleration that a driver who learns may be off by all along before it counts as one who does not, m/s².
+pub(super) const DRIFT_MPS2: f64 = 0.25;
+
+/// Loss of a follower who is off by [`DRIFT_MPS2`] on every simulated step: after t seconds by t²/2 and t times that. What a
+/// driver is measured by in traffic so steady that doing nothing costs nothing.
+pub(super) fn drift_loss(events: &[&Event], shape: DriverShape) -> f64 {
+    let (mut sum, mut steps) = (0.0, 0_usize);
+    for event in events {
+        for step in 1..=event.steps() - shape.horizon {
+            let t = step as f64 * f64::from(shape.dt_s);
+            sum += (0.5 * DRIFT_MPS2 * t * t).powi(2) + (DRIFT_MPS2 * t).powi(2);
+            steps += 1;
+        }
+    }
+    sum / steps.max(1) as f64
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_drift_costs_what_its_path_and_its_speed_cost() {
+        let event = Event::new(1.0, vec![20.0; 4], vec![8.0; 4], vec![8.0; 4]);
+        let shape = DriverShape { horizon: 2, dt_s: 1.0, ..DriverShape::PAPER };
+        // After 1 s off by 0.125 m and 0.25 m/s, after 2 s by 0.5 m and 0.5 m/s.
+        let by_hand = (0.125_f64.powi(2) + 0.25_f64.powi(2) + 0.5_f64.powi(2) + 0.5_f64.powi(2)) / 2.0;
+        assert!((drift_loss(&[&event], shape) - by_hand).abs() < 1e-12);
+    }
 
     #[test]
     fn coasting_behind_a_coasting_leader_costs_nothing() {

@@ -13,7 +13,7 @@ use super::minibatch::minibatch_gradient;
 use super::observer::{Interim, Observer, Progress};
 use super::order::{by_content, keyed, shuffle};
 use super::replay::Replay;
-use super::sanity::coasting_loss;
+use super::sanity::{DRIFT_MPS2, coasting_loss, drift_loss};
 use super::start::late;
 use crate::car_following::Event;
 use crate::consolidation::{
@@ -112,7 +112,7 @@ impl<'a> Stage<'a> {
             scaling: input.scaling.unwrap_or_else(|| Scaling::estimate(settings.shape, train)),
             penalty,
             strength: strength.filter(|_| settings.lambda.is_none()),
-            loss_limit: 4.0 * coasting(train).max(coasting(&replay.events())),
+            loss_limit: 4.0 * coasting(train).max(coasting(&replay.events())).max(drift_loss(train, settings.shape)),
             replay,
             gradient: vec![0.0; weights.len()],
             plain_gradient: Vec::new(),
@@ -211,7 +211,8 @@ impl<'a> Stage<'a> {
         let mean_loss = self.state.epoch_loss / events as f64;
         if mean_loss > self.loss_limit {
             let detail = format!(
-                "the loss of epoch {} is {mean_loss:.1}, more than {:.1}: four times that of a driver who never accelerates",
+                "the loss of epoch {} is {mean_loss:.1}, more than {:.1}: four times that of a driver who never accelerates, or who is \
+                 off by {DRIFT_MPS2} m/s² all along",
                 self.state.epoch + 1,
                 self.loss_limit
             );

@@ -100,6 +100,16 @@ fn a_stage_without_events_or_with_a_wild_rate_fails_clearly() {
 }
 
 #[test]
+fn traffic_in_which_nobody_changes_speed_is_not_a_stage_that_diverged() {
+    let steady = |spacing: f32| Event::new(0.1, vec![spacing; 60], vec![8.0; 60], vec![8.0; 60]);
+    let train = [20.0, 25.0, 30.0].map(steady);
+    let line = Line::default();
+    let learned =
+        learn_stage(&line.input(Method::Naive, &settings(), "steady", &train), None, &workers(1), &mut never());
+    assert!(learned.is_ok(), "{learned:?}");
+}
+
+#[test]
 fn learning_lowers_the_error_on_events_not_seen() {
     let mut events = traffic(TrafficRegime::Slow, 80);
     let test = events.split_off(60);
