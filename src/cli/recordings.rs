@@ -5,7 +5,7 @@ use std::fs::File;
 use std::ops::ControlFlow;
 use std::path::Path;
 
-use anyhow::bail;
+use anyhow::{bail, ensure};
 
 use crate::formats::{BodyKind, Encoding, Format, FormatError, FormatLimits, Preset, RawEvent, decode};
 use crate::lineage::Rejection;
@@ -19,18 +19,18 @@ pub(super) fn read(path: &Path) -> anyhow::Result<Vec<Result<RawEvent, Rejection
         Some("ndjson") => Format::Ndjson,
         _ => bail!("its name ends in none of .parquet, .csv, .json and .ndjson"),
     };
-    match read_as(path, format, Preset::Headway) {
-        Err(Unread::Body(FormatError::Invalid { code: "unknown_column" | "missing_column", detail, .. })) => {
-            // Neither preset knows the columns: what the first one says tells what they should be.
-            read_as(path, format, Preset::Follownet).map_err(|other| match other {
-                Unread::Body(FormatError::Invalid {
-                    code: "unknown_column" | "missing_column", detail: other, ..
-                }) => {
-                    anyhow::anyhow!("{detail}; {other}")
-                }
-                other => other.into(),
-            })
-        }
+    ensure!(std::fs::metadata(path)?.len() > 0, "it is empty");
+    let first = match read_as(path, format, Preset::Headway) {
+        Err(Unread::Columns(first)) => first,
+        read => return Ok(read?),
+    };
+    match read_as(path, format, Preset::Follownet) {
+        // A preset that knows all the columns is the one that was meant.
+        Err(Unread::Columns(second)) => match (first.code(), second.code()) {
+            ("missing_column", "unknown_column") => bail!(first),
+            ("unknown_column", "missing_column") => bail!(second),
+            _ => bail!("{first}; {second}"),
+        },
         read => Ok(read?),
     }
 }
@@ -44,8 +44,21 @@ pub(super) fn source_name(path: &Path) -> String {
 enum Unread {
     #[error(transparent)]
     File(#[from] std::io::Error),
+    /// The preset has other ones.
     #[error(transparent)]
-    Body(#[from] FormatError),
+    Columns(FormatError),
+    #[error(transparent)]
+    Body(FormatError),
+}
+
+impl From<FormatError> for Unread {
+    fn from(error: FormatError) -> Self {
+        if matches!(error.code(), "unknown_column" | "missing_column") {
+            Self::Columns(error)
+        } else {
+            Self::Body(error)
+        }
+    }
 }
 
 fn read_as(path: &Path, format: Format, preset: Preset) -> Result<Vec<Result<RawEvent, Rejection>>, Unread> {

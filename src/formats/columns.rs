@@ -125,8 +125,11 @@ impl Preset {
             return Err(FormatError::invalid(None, "unknown_column", detail));
         }
         let required = [Role::EventId, Role::Spacing, Role::FollowerSpeed, Role::LeaderSpeed];
-        if let Some((name, _)) = self.columns().find(|(_, role)| required.contains(role) && !roles.contains(role)) {
-            let detail = format!("column {name} of preset {} is missing", self.name());
+        let missing = self.columns().filter(|(_, role)| required.contains(role) && !roles.contains(role));
+        let missing: Vec<_> = missing.map(|(name, _)| name).collect();
+        if !missing.is_empty() {
+            let (s, are) = if missing.len() == 1 { ("", "is") } else { ("s", "are") };
+            let detail = format!("column{s} {} of preset {} {are} missing", missing.join(", "), self.name());
             return Err(FormatError::invalid(None, "missing_column", detail));
         }
         Ok(roles)

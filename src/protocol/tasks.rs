@@ -152,7 +152,8 @@ impl Tasks {
             names
         };
         if sorted(order) != sorted(&self.names) {
-            return Err(TasksError::Order { named: order.join(", "), known: self.names.join(", ") });
+            let named = if order.iter().all(String::is_empty) { "nothing".to_owned() } else { order.join(", ") };
+            return Err(TasksError::Order { named, known: self.names.join(", ") });
         }
         let place: Vec<_> = self
             .names

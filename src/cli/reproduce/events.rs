@@ -109,7 +109,8 @@ impl Recorded {
     /// Why events were left out, in one line.
     pub(super) fn reasons(&self) -> String {
         if self.left_out.is_empty() {
-            return "the files hold none".to_owned();
+            let files: Vec<_> = self.files.iter().map(|file| file.file.as_str()).collect();
+            return format!("{} {} none", files.join(", "), if files.len() == 1 { "holds" } else { "hold" });
         }
         let each = self.left_out.iter().map(|left| format!("{} of {}: {}", left.events, left.file, left.reason));
         each.collect::<Vec<_>>().join("; ")

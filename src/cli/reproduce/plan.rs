@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use anyhow::{Context, bail};
+use anyhow::{Context, bail, ensure};
 use serde::Serialize;
 
 use super::arguments::{Options, ReproduceArguments, SplitRule, TaskRule};
@@ -69,12 +69,21 @@ impl Plan {
         let recorded = Recorded::read(&arguments.events, arguments.steps as usize, options.settings.dt_s)?;
         let mut kept = Kept::choose(arguments, options, &recorded)?;
         if let Some(order) = &arguments.order {
-            kept.tasks = kept.tasks.ordered(order).context("--order")?;
+            let order: Vec<_> = order.iter().map(|name| name.trim().to_owned()).collect();
+            kept.tasks = kept.tasks.ordered(&order).context("--order")?;
         }
         if let Some((task, side)) = missing_side(kept.tasks.names.len(), &kept.tasks.of, &kept.sides) {
             bail!(kept.without(task, side, &recorded));
         }
-        Ok(Self { tasks: kept.collect(&recorded.events), told: kept.tell(&recorded) })
+        let tasks = kept.collect(&recorded.events);
+        for Task { name, train, .. } in &tasks {
+            let events = counted(train.len(), "training event");
+            ensure!(
+                train.iter().any(changes_speed),
+                "task {name} has {events} in which no speed changes: nothing to learn"
+            );
+        }
+        Ok(Self { tasks, told: kept.tell(&recorded) })
     }
 
     /// The training events of every task.
@@ -101,10 +110,11 @@ impl Kept {
             let context = || format!("--splits {}", path.display());
             let rows = splits_file::read(path).with_context(context)?;
             let names: Vec<_> = of.iter().map(|event| event.event_id.as_str()).collect();
-            let events = splits_file::places(&rows, &names).with_context(|| {
-                let reasons = recorded.reasons();
-                format!("--splits {} (left out of --events: {reasons})", path.display())
-            })?;
+            let left_out = match recorded.left_out.as_slice() {
+                [] => String::new(),
+                _ => format!(" (left out of --events: {})", recorded.reasons()),
+            };
+            let events = splits_file::places(&rows, &names, &left_out).with_context(context)?;
             let speeds: Vec<_> = events.iter().map(|&at| of[at].mean_speed_mps).collect();
             let named: Vec<_> = rows.iter().map(|row| row.task.as_str()).collect();
             return Ok(Self {
@@ -230,6 +240,12 @@ fn sides(rule: SplitRule, seed: u64, tasks: &Tasks, of: &[CutEvent]) -> (Vec<Spl
             (by_run(&tasks.of, &runs), words.to_owned())
         }
     }
+}
+
+/// Whether leader or follower drive at more than one speed.
+fn changes_speed(event: &Event) -> bool {
+    let changes = |speeds: &[f32]| speeds.iter().any(|speed| *speed != speeds[0]);
+    changes(event.follower_speed_mps()) || changes(event.leader_speed_mps())
 }
 
 fn left_out(recorded: &Recorded) -> String {

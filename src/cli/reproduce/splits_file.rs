@@ -22,6 +22,7 @@ pub(super) struct Listed {
 pub(super) fn read(path: &Path) -> anyhow::Result<Vec<Listed>> {
     let mut reader = csv::Reader::from_path(path)?;
     let headers = reader.headers()?.clone();
+    ensure!(!headers.is_empty(), "it is empty");
     let column = |name: &str| {
         let found: Vec<_> = headers.iter().map(str::trim).collect();
         let place = found.iter().position(|header| *header == name);
@@ -41,11 +42,16 @@ pub(super) fn read(path: &Path) -> anyhow::Result<Vec<Listed>> {
         rows.push(Listed { event_id: at(id).to_owned(), task: at(task).to_owned(), split: side });
     }
     ensure!(!rows.is_empty(), "it lists no event");
+    let task = &rows[0].task;
+    ensure!(
+        rows.iter().any(|row| row.task != *task),
+        "all its events are of task {task}: two tasks are needed at least"
+    );
     Ok(rows)
 }
 
-/// The place of each listed event among `names`.
-pub(super) fn places(rows: &[Listed], names: &[&str]) -> anyhow::Result<Vec<usize>> {
+/// The place of each listed event among `names`; `left_out` tells which events are not there, and why.
+pub(super) fn places(rows: &[Listed], names: &[&str], left_out: &str) -> anyhow::Result<Vec<usize>> {
     let mut place: HashMap<&str, Vec<usize>> = HashMap::new();
     for (at, name) in names.iter().enumerate() {
         place.entry(name).or_default().push(at);
@@ -55,7 +61,8 @@ pub(super) fn places(rows: &[Listed], names: &[&str]) -> anyhow::Result<Vec<usiz
         let shown = absent.iter().take(SHOWN).copied().collect::<Vec<_>>().join(", ");
         let more = if absent.len() > SHOWN { ", …" } else { "" };
         let of = rows.len();
-        bail!("{} of its {of} events are not among those of --events that can be used: {shown}{more}", absent.len());
+        let absent = absent.len();
+        bail!("{absent} of its {of} events are not among those of --events that can be used: {shown}{more}{left_out}");
     }
     let mut places = Vec::with_capacity(rows.len());
     let mut listed = std::collections::HashSet::new();
