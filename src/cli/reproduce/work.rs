@@ -23,7 +23,7 @@ use crate::lstm::kernel_name;
 use crate::training::{LearnSettings, Learned, Line, ReplayedRegime, StageInput, learn_stage};
 
 /// What decides a result besides what [`Stage`] says; changed whenever stored stages would mean something else.
-const FORMAT: &str = "headway reproduce 2";
+const FORMAT: &str = "headway reproduce 3";
 
 /// The experiment under way.
 pub(super) struct Work<'a> {
