@@ -183,7 +183,7 @@ impl Page<'_> {
         text.push_str("\n## How strongly to hold on\n\n");
         line(
             text,
-            "Strengths were tried with the first seed and judged on validation events of every task, also of those learned earlier; test events were not looked at.",
+            "Strengths were tried with the seeds, the first three at most, and judged on validation events of every task, also of those learned earlier; test events were not looked at.",
         );
         line(
             text,

@@ -1,5 +1,7 @@
 //! The strength of a method, found on validation events.
 
+use std::iter;
+
 use serde_json::{Value, json};
 
 use super::arguments::Strength;
@@ -10,14 +12,21 @@ use crate::consolidation::{Method, default_strength, searched_strengths};
 use crate::evaluation::{Errors, evaluate};
 use crate::protocol::{Candidate, SEARCH_RULE, best};
 
+/// Seeds that a search learns with at most: one alone cannot tell strengths apart that differ by a few per cent.
+const SEEDS: usize = 3;
+
 /// Every stage that a search for this method learns, if there is one.
 pub(super) fn stages(work: &Work<'_>, method: Method) -> Vec<Stage> {
     if !is_searched(work, method) {
         return Vec::new();
     }
-    let naive = work.stages(Method::Naive, first_seed(work), Strength::Auto);
-    let candidates = searched_strengths(method).into_iter().map(|strength| candidate_stages(work, method, strength));
-    naive.into_iter().chain(candidates.flatten()).collect()
+    let of_seed = |&seed: &u64| {
+        let candidates =
+            searched_strengths(method).into_iter().map(move |strength| (method, Strength::Fixed(strength)));
+        let lines = iter::once((Method::Naive, Strength::Auto)).chain(candidates);
+        lines.flat_map(move |(method, strength)| untraced(work, method, seed, strength))
+    };
+    seeds(work).iter().flat_map(of_seed).collect()
 }
 
 /// The one place where a strength is chosen: as told, else searched.
@@ -28,7 +37,7 @@ pub(super) fn choose(work: &Work<'_>, method: Method) -> anyhow::Result<Choice> 
     Ok(Choice { strength: work.options.strength(method), search: Value::Null })
 }
 
-/// Learns all tasks in turn with each strength, with the first seed, and takes the best on the validation events of every
+/// Learns all tasks in turn with each strength, with the first seeds, and takes the best on the validation events of every
 /// task, also of those learned earlier. Test events are not looked at.
 fn search(work: &Work<'_>, method: Method) -> anyhow::Result<Choice> {
     if let Some(task) = work.plan.tasks.iter().find(|task| task.validation.is_empty()) {
@@ -36,20 +45,15 @@ fn search(work: &Work<'_>, method: Method) -> anyhow::Result<Choice> {
         work.progress.say(&format!("{}: {said}", method.as_str()));
         return Ok(Choice { strength: Strength::Fixed(default_strength(method)), search: json!({ "note": said }) });
     }
-    let naive = work.line(&work.stages(Method::Naive, first_seed(work), Strength::Auto))?;
-    let naive_diagonal: Vec<f64> = (0..naive.len()).map(|task| mse(&validated(work, &naive[task])[task])).collect();
-    let mut candidates = Vec::new();
-    for strength in searched_strengths(method) {
-        let line = work.line(&candidate_stages(work, method, strength))?;
-        candidates.push(candidate(strength, &line.iter().map(|stage| validated(work, stage)).collect::<Vec<_>>()));
-    }
+    let naive = candidate(0.0, &lines(work, Method::Naive, Strength::Auto)?);
+    let naive_diagonal: Vec<f64> = naive.spacing_mse.iter().enumerate().map(|(task, errors)| errors[task]).collect();
+    let each = searched_strengths(method).into_iter();
+    let each = each.map(|strength| Ok(candidate(strength, &lines(work, method, Strength::Fixed(strength))?)));
+    let candidates = each.collect::<anyhow::Result<Vec<_>>>()?;
     let chosen =
         best(&candidates, &naive_diagonal).map_or(default_strength(method), |place| candidates[place].strength);
     work.progress.say(&format!("{}: strength {chosen}, found on validation events", method.as_str()));
-    Ok(Choice {
-        strength: Strength::Fixed(chosen),
-        search: seen(first_seed(work), chosen, &candidates, &naive_diagonal),
-    })
+    Ok(Choice { strength: Strength::Fixed(chosen), search: seen(seeds(work), chosen, &candidates, &naive_diagonal) })
 }
 
 /// Whether the strength of this method has to be found.
@@ -57,13 +61,25 @@ fn is_searched(work: &Work<'_>, method: Method) -> bool {
     method.consolidates() && work.options.strength(method) == Strength::Auto
 }
 
-fn first_seed(work: &Work<'_>) -> u64 {
-    work.options.seeds[0]
+fn seeds<'s>(work: &'s Work<'_>) -> &'s [u64] {
+    let seeds = &work.options.seeds;
+    &seeds[..seeds.len().min(SEEDS)]
 }
 
-fn candidate_stages(work: &Work<'_>, method: Method, strength: f64) -> Vec<Stage> {
-    let stages = work.stages(method, first_seed(work), Strength::Fixed(strength));
-    stages.into_iter().map(|stage| Stage { traced: false, ..stage }).collect()
+/// The stages of one line, without what figures alone need of each candidate.
+fn untraced(work: &Work<'_>, method: Method, seed: u64, strength: Strength) -> impl Iterator<Item = Stage> {
+    work.stages(method, seed, strength)
+        .into_iter()
+        .map(move |stage| Stage { traced: stage.traced && method == Method::Naive, ..stage })
+}
+
+/// Errors on validation events: seeds × stages × tasks.
+fn lines(work: &Work<'_>, method: Method, strength: Strength) -> anyhow::Result<Vec<Vec<Vec<Errors>>>> {
+    let line = |&seed: &u64| {
+        let line = work.line(&untraced(work, method, seed, strength).collect::<Vec<_>>())?;
+        Ok(line.iter().map(|stage| validated(work, stage)).collect())
+    };
+    seeds(work).iter().map(line).collect()
 }
 
 /// Errors on the validation events of every task.
@@ -73,21 +89,26 @@ fn validated(work: &Work<'_>, stage: &StoredStage) -> Vec<Errors> {
     work.plan.tasks.iter().map(|task| on(&task.validation)).collect()
 }
 
-fn mse(errors: &Errors) -> f64 {
-    errors.spacing_sq / errors.steps.max(1) as f64
-}
-
-fn candidate(strength: f64, stages: &[Vec<Errors>]) -> Candidate {
-    let seen = |(stage, errors): (usize, &Vec<Errors>)| errors[..=stage].iter().map(|errors| errors.collisions).sum();
+/// What these lines of one strength came to: errors are the mean over the seeds, collisions their sum.
+fn candidate(strength: f64, seeds: &[Vec<Vec<Errors>>]) -> Candidate {
+    let mse = |errors: &Errors| errors.spacing_sq / errors.steps.max(1) as f64;
+    let mean = |stage: usize, task: usize| {
+        seeds.iter().map(|stages| mse(&stages[stage][task])).sum::<f64>() / seeds.len() as f64
+    };
+    let collided = |stages: &[Vec<Errors>]| {
+        let seen = stages.iter().enumerate().map(|(stage, errors)| &errors[..=stage]);
+        seen.map(|errors| errors.iter().map(|errors| errors.collisions).sum()).max().unwrap_or(0_u32)
+    };
+    let tasks = seeds[0].len();
     Candidate {
         strength,
-        spacing_mse: stages.iter().map(|errors| errors.iter().map(mse).collect()).collect(),
-        collisions: stages.iter().enumerate().map(seen).max().unwrap_or(0),
+        spacing_mse: (0..tasks).map(|stage| (0..tasks).map(|task| mean(stage, task)).collect()).collect(),
+        collisions: seeds.iter().map(|stages| collided(stages)).sum(),
     }
 }
 
 /// For the report.
-fn seen(seed: u64, chosen: f64, candidates: &[Candidate], naive_diagonal: &[f64]) -> Value {
+fn seen(seeds: &[u64], chosen: f64, candidates: &[Candidate], naive_diagonal: &[f64]) -> Value {
     let each = candidates.iter().map(|candidate| {
         json!({
             "strength": candidate.strength,
@@ -100,7 +121,7 @@ fn seen(seed: u64, chosen: f64, candidates: &[Candidate], naive_diagonal: &[f64]
     });
     json!({
         "events": "validation events of every task, also of those learned earlier",
-        "seed": seed,
+        "seeds": seeds,
         "chosen": chosen,
         "rule": SEARCH_RULE,
         "naive_diagonal": naive_diagonal,
