@@ -1,5 +1,6 @@
 //! Forward and backward along some events with one state each, from their first step to their last.
 
+use super::buffer::grow;
 use super::product::{columns, product, rows};
 use super::{Layout, Real, gates, vectorised};
 
@@ -29,12 +30,6 @@ pub struct Carried<T> {
     outputs: Vec<T>,
     dx: Vec<T>,
     projected: Vec<T>,
-}
-
-fn grow<T: Real>(buffer: &mut Vec<T>, len: usize) {
-    if buffer.len() < len {
-        buffer.resize(len, T::zero());
-    }
 }
 
 impl<T: Real> Carried<T> {

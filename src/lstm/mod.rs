@@ -4,6 +4,7 @@
 //! contiguous; weights are laid out as `torch.nn.LSTMCell` lays them out (gates in the order input, forget, cell, output).
 
 mod activation;
+mod buffer;
 mod carried;
 mod dispatch;
 mod encode;

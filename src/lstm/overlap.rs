@@ -1,5 +1,6 @@
 //! Forward and backward through all windows of some events, the overlapping ones of a step together.
 
+use super::buffer::grow;
 use super::plan::Plan;
 use super::product::{columns, product, rows};
 use super::{INPUTS, Layout, Real, gates, vectorised};
@@ -41,18 +42,12 @@ struct Scratch<T> {
     dx: Vec<T>,
 }
 
-fn grow<T: Real>(buffer: &mut Vec<T>, len: usize) {
-    if buffer.len() < len {
-        buffer.resize(len, T::zero());
-    }
-}
-
 impl<T: Real> Overlap<T> {
     /// Empty buffers for a network of this layout.
-    #[must_use]
     ///
     /// # Panics
     /// When it does not read the paper's four inputs: what else a window could be told depends on where it starts.
+    #[must_use]
     pub fn new(layout: Layout) -> Self {
         assert_eq!(layout.inputs, INPUTS, "windows read the paper's four inputs");
         let empty = Vec::new;
