@@ -12,7 +12,7 @@ use super::plan::Told;
 use super::report::{mean_lambda, preset, strength};
 use super::results::{Estimate, Learnt, Results};
 use super::safety::{self, Assessed};
-use crate::protocol::{Measure, Tally};
+use crate::protocol::{Measure, SEARCH_RULE, Tally};
 use crate::safety::Spread;
 
 /// Everything the page tells.
@@ -183,12 +183,9 @@ impl Page<'_> {
         text.push_str("\n## How strongly to hold on\n\n");
         line(
             text,
-            "Strengths were tried with the seeds, the first three at most, and judged on validation events of every task, also of those learned earlier; test events were not looked at.",
+            "Strengths were tried with the first seeds and judged on validation events of every task, also of those learned earlier; test events were not looked at.",
         );
-        line(
-            text,
-            "Of those with the fewest collided events of tasks seen, those within 5 % of the least cost are kept, the mean over tasks of R[T,j] over naive's R[j,j]; of these those within 5 % of the least greater one of forgetting, plasticity loss and 1; and of these the strongest is taken.",
-        );
+        line(text, &format!("The rule: {SEARCH_RULE}."));
         text.push('\n');
         table(text, &["method", "strength", "cost", "forgetting", "plasticity", "collided events", ""]);
         for learnt in searched {
