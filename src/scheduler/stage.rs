@@ -8,7 +8,7 @@ use super::error::JobError;
 use crate::car_following::Event;
 use crate::consolidation::{Method, RegimeMemory};
 use crate::driver::Scaling;
-use crate::lineage::{Model, ModelSettings, RegimeName, Task, TaskError, Version};
+use crate::lineage::{Model, ModelSettings, RegimeName, Split, Task, TaskError, Version};
 use crate::store::{LedgerEvent, LineRegime, Store, StoreError};
 use crate::training::{ReplayedRegime, StageInput};
 
@@ -96,7 +96,9 @@ impl Stage {
         let replay = match &parent {
             Some(parent) if model.method.replays() => {
                 let limit = settings.replay_events;
-                store.line_replay_events(model.model_id, task.task_id, parent.version.version, limit).await?
+                store
+                    .line_events_by_regime(Split::Train, model.model_id, task.task_id, parent.version.version, limit)
+                    .await?
             }
             _ => Vec::new(),
         };
@@ -145,7 +147,9 @@ async fn validated(
     own: &[Event],
 ) -> Result<Vec<Validated>, StoreError> {
     let limit = settings.test_reservoir;
-    let stored = store.line_validation_events(task.model_id, task.task_id, parent.version.version, limit).await?;
+    let stored = store
+        .line_events_by_regime(Split::Validation, task.model_id, task.task_id, parent.version.version, limit)
+        .await?;
     let mut stored: HashMap<_, _> = stored.into_iter().collect();
     let long_enough = |events: Vec<Event>| -> Vec<Event> {
         events.into_iter().filter(|event| event.steps() > settings.horizon as usize).collect()

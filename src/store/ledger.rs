@@ -91,37 +91,14 @@ impl Store {
         events_from(rows).await
     }
 
-    /// For each regime that the tasks behind `parent` and its parents learned, in order of their names: the `limit` training
-    /// events of least digest among those learned, without the task's own, in order of their digests. What methods that
-    /// replay learn beside the new events.
+    /// For each regime that the tasks behind `parent` and its parents learned, in order of their names: the `limit` events
+    /// of this side of least digest among those of the tasks, without the task's own, in order of their digests. Those for
+    /// training are what methods that replay learn beside the new events, those for validation what a search for a strength
+    /// drives beside the task's own.
     ///
     /// # Errors
     /// When the database cannot be read.
-    pub async fn line_replay_events(
-        &self,
-        model_id: i64,
-        task_id: i64,
-        parent: i64,
-        limit: u32,
-    ) -> Result<Vec<(String, Vec<LedgerEvent>)>, StoreError> {
-        self.line_events_by_regime(Split::Train, model_id, task_id, parent, limit).await
-    }
-
-    /// The same of validation events: what a search for a strength drives beside the task's own.
-    ///
-    /// # Errors
-    /// When the database cannot be read.
-    pub async fn line_validation_events(
-        &self,
-        model_id: i64,
-        task_id: i64,
-        parent: i64,
-        limit: u32,
-    ) -> Result<Vec<(String, Vec<LedgerEvent>)>, StoreError> {
-        self.line_events_by_regime(Split::Validation, model_id, task_id, parent, limit).await
-    }
-
-    async fn line_events_by_regime(
+    pub async fn line_events_by_regime(
         &self,
         split: Split,
         model_id: i64,
