@@ -220,6 +220,14 @@ async fn inside_a_search() -> (Engine, i64, Pace) {
     (engine, model_id, pace)
 }
 
+/// Lets the engine put its task back, and ends it; what is left is the database.
+async fn held(engine: Engine, pace: Pace) -> Fixture {
+    engine.scheduler.shut_down();
+    pace.free();
+    engine.scheduler.run().await;
+    engine.fixture
+}
+
 #[tokio::test]
 async fn progress_counts_the_whole_search_and_says_where_it_is() {
     let (engine, _, mut pace) = inside_a_search().await;
@@ -238,14 +246,10 @@ async fn progress_counts_the_whole_search_and_says_where_it_is() {
 #[tokio::test]
 async fn a_search_that_is_held_goes_on_where_it_was_and_ends_with_the_same_bits() {
     let (engine, model_id, pace) = inside_a_search().await;
-    engine.scheduler.shut_down();
-    pace.free();
-    engine.scheduler.run().await;
-    let Engine { fixture, scheduler, predictor, .. } = engine;
-    drop((scheduler, predictor));
+    let fixture = held(engine, pace).await;
     let engine = Engine::on(fixture.reopened().await, script(CONVERGES), clock).await;
-    let held = engine.fixture.store.task(model_id, 2).await.unwrap().unwrap();
-    assert!((held.checkpointed - 2.5 / 7.0).abs() < 1e-12, "{held:?}");
+    let task = engine.fixture.store.task(model_id, 2).await.unwrap().unwrap();
+    assert!((task.checkpointed - 2.5 / 7.0).abs() < 1e-12, "{task:?}");
     engine.drain().await;
     let mut left = SEARCH[2..].to_vec();
     left[0] = "slow stage 2 from update 2, 7 events, keeps [fast], strength 0.3";
@@ -260,11 +264,7 @@ async fn a_search_whose_stage_ended_before_the_process_did_goes_on_with_the_next
     let (engine, model_id, pace) = inside_a_search().await;
     // What the last update of the stage before left.
     let state = engine.fixture.store.checkpoint(2).await.unwrap().unwrap();
-    engine.scheduler.shut_down();
-    pace.free();
-    engine.scheduler.run().await;
-    let Engine { fixture, scheduler, predictor, .. } = engine;
-    drop((scheduler, predictor));
+    let fixture = held(engine, pace).await;
     // The stage's own state has a first byte for the update and four for a weight.
     let between = &state[..state.len() - 5];
     fixture.execute("update task set state = 'running' where task_id = 2").await;
@@ -278,11 +278,7 @@ async fn a_search_whose_stage_ended_before_the_process_did_goes_on_with_the_next
 #[tokio::test]
 async fn a_checkpoint_of_another_search_is_left_alone() {
     let (engine, model_id, pace) = inside_a_search().await;
-    engine.scheduler.shut_down();
-    pace.free();
-    engine.scheduler.run().await;
-    let Engine { fixture, scheduler, predictor, .. } = engine;
-    drop((scheduler, predictor));
+    let fixture = held(engine, pace).await;
     let mut state = fixture.store.checkpoint(2).await.unwrap().unwrap();
     state[8] ^= 1;
     fixture.execute("update task set state = 'running' where task_id = 2").await;
