@@ -23,7 +23,7 @@ pub struct Progress {
 }
 
 impl Progress {
-    /// Of the updates, done, 0–1.
+    /// Share of the updates done, 0–1.
     #[must_use]
     pub fn share(&self) -> f64 {
         self.update as f64 / self.updates.max(1) as f64
