@@ -57,6 +57,11 @@ impl Features {
         }
     }
 
+    /// Whether windows that overlap read different inputs at a step that they share, because of where each begins.
+    pub(super) fn depend_on_the_window(self) -> bool {
+        self == Self::Motion
+    }
+
     /// The inputs, in their own units; those that are not read are 0.
     pub(super) fn of<T: Real>(self, sight: &Sight<T>) -> [T; MAX_INPUTS] {
         let Sight { speed, leader, spacing, earlier, elapsed_s } = *sight;

@@ -4,9 +4,13 @@ mod crew;
 mod drive;
 mod features;
 mod scaling;
+mod sequence;
 mod serve;
 mod shape;
+mod simulate;
 
+#[cfg(test)]
+mod sequence_tests;
 #[cfg(test)]
 mod tests;
 
@@ -14,5 +18,7 @@ pub use crew::Crew;
 pub use drive::{Drive, Loop, TrajectoryGradient};
 pub use features::Features;
 pub use scaling::{MotionScaling, Scaling};
-pub use serve::{Driver, Simulation, Window};
+pub use sequence::Sequence;
+pub use serve::{Driver, DriverBuffers, Seen, Window};
 pub use shape::{DriverShape, Memory};
+pub use simulate::Simulation;

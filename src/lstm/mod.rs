@@ -20,7 +20,7 @@ mod squares;
 
 pub use carried::Carried;
 pub use dispatch::{kernel_name, vectorised};
-pub use encode::{Encoder, EncoderState};
+pub use encode::{Encoder, EncoderBuffers, EncoderState, OverlappingWindows};
 pub use init::initial_weights;
 pub use layout::{INPUTS, Layout};
 pub use overlap::Overlap;
