@@ -66,7 +66,7 @@ pub(super) fn sha256(parts: &[&[u8]]) -> [u8; 32] {
 
 /// Values as stored: little-endian f32.
 pub(super) fn stored_floats(values: &[f32]) -> Vec<u8> {
-    values.iter().flat_map(|x| x.to_le_bytes()).collect()
+    values.iter().map(|x| x.to_le_bytes()).collect::<Vec<_>>().into_flattened()
 }
 
 /// The values whose [`stored_floats`] these are.
