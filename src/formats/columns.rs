@@ -37,6 +37,9 @@ pub(super) enum Role {
     Ignored,
 }
 
+/// Most columns of a body that are read: none twice.
+pub(super) const ROLES: usize = 10;
+
 /// In every preset.
 const SHARED: [(&str, Role); 8] = [
     ("event_id", Role::EventId),

@@ -5,7 +5,7 @@ use std::io::BufRead;
 use ::csv::{ByteRecord, ErrorKind, ReaderBuilder};
 
 use super::FormatError;
-use super::columns::{Preset, Role};
+use super::columns::{Preset, ROLES, Role};
 use super::output::Output;
 use super::rows::{Cell, Rows};
 use super::source::Budget;
@@ -29,20 +29,21 @@ pub(super) fn decode(
         names.push(text(name, None)?.to_owned());
     }
     let roles = preset.roles(names.iter().map(String::as_str))?;
-    let mut rows = Rows::new(roles.clone());
+    let wanted: Vec<_> = (0..roles.len()).filter(|&i| roles[i] != Role::Ignored).collect();
+    let mut rows = Rows::new(wanted.iter().map(|&i| roles[i]).collect());
     let mut short = None;
     for number in 1.. {
         if !next(&mut reader, &mut record, budget)? {
             break;
         }
         short = (record.len() < roles.len()).then_some((number, record.len()));
-        let mut cells = Vec::with_capacity(roles.len());
-        for (&role, cell) in roles.iter().zip(record.iter().chain(std::iter::repeat(&b""[..]))) {
-            cells.push(read(role, cell, number)?);
+        let mut cells = [Cell::Missing; ROLES];
+        for (cell, &i) in cells.iter_mut().zip(&wanted) {
+            *cell = read(record.get(i).unwrap_or_default(), number)?;
         }
-        rows.row(number, &cells, output)?;
+        rows.row(number, &cells[..wanted.len()], output)?;
         if record.len() != roles.len() {
-            rows.ragged(record.len());
+            rows.ragged(record.len(), roles.len());
         }
     }
     if let Some((number, found)) = short {
@@ -70,10 +71,7 @@ fn text(cell: &[u8], row: Option<u64>) -> Result<&str, FormatError> {
         .map_err(|_| FormatError::malformed(row.map(Place::Row), &"CSV must be UTF-8, and a cell is not"))
 }
 
-fn read(role: Role, cell: &[u8], row: u64) -> Result<Cell<'_>, FormatError> {
-    if role == Role::Ignored {
-        return Ok(Cell::Missing);
-    }
+fn read(cell: &[u8], row: u64) -> Result<Cell<'_>, FormatError> {
     Ok(match text(cell, Some(row))? {
         "" => Cell::Missing,
         text => Cell::Text(text),

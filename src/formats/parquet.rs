@@ -44,7 +44,7 @@ pub(super) fn decode(
         let mut columns = Vec::with_capacity(wanted.len());
         for &i in &wanted {
             let column = guarded(|| group.get_column_reader(i))?;
-            columns.push((roles[i], Column::new(column, &schema.columns()[i])));
+            columns.push(Column::new(column, &schema.columns()[i], roles[i]));
         }
         number = read_group(group.as_ref(), &mut columns, number, &mut rows, output)?;
     }
@@ -53,7 +53,7 @@ pub(super) fn decode(
 
 fn read_group(
     group: &dyn RowGroupReader,
-    columns: &mut [(Role, Column)],
+    columns: &mut [Column],
     mut number: u64,
     rows: &mut Rows,
     output: &mut Output<'_, '_>,
@@ -62,18 +62,42 @@ fn read_group(
         .map_err(|_| FormatError::malformed(None, &"a row group has a negative number of rows"))?;
     while left > 0 {
         let chunk = left.min(CHUNK_ROWS);
-        for (role, column) in columns.iter_mut() {
-            guarded(|| column.fill(chunk, *role))?;
+        for column in columns.iter_mut() {
+            guarded(|| column.fill(chunk))?;
         }
-        for row in 0..chunk {
-            let cells: Result<Vec<_>, _> = columns.iter().map(|(_, column)| column.cell(row)).collect();
-            let cells = cells.map_err(|e| FormatError::malformed(Place::Row(number), &e))?;
-            rows.row(number, &cells, output)?;
-            number += 1;
-        }
+        take_rows(columns, chunk, number, rows, output)?;
+        number += chunk as u64;
         left -= chunk;
     }
     Ok(number)
+}
+
+/// Hands on the `chunk` rows that the columns hold, the first of which is row `number`: those of an event together where
+/// nothing has to be said of one of them alone, which is nearly always.
+fn take_rows(
+    columns: &[Column],
+    chunk: usize,
+    number: u64,
+    rows: &mut Rows,
+    output: &mut Output<'_, '_>,
+) -> Result<(), FormatError> {
+    let malformed = |row: usize, error: ParquetError| FormatError::malformed(Place::Row(number + row as u64), &error);
+    let id = &columns[rows.id_column()];
+    let mut row = 0;
+    while row < chunk {
+        let end = id.end_of_same(row);
+        let runs: Result<Option<Vec<_>>, _> = columns.iter().map(|column| column.run(row..end)).collect();
+        if let Some(runs) = runs.map_err(|e| malformed(row, e))? {
+            rows.run(number + row as u64, end - row, &runs, output)?;
+        } else {
+            for row in row..end {
+                let cells: Result<Vec<_>, _> = columns.iter().map(|column| column.cell(row)).collect();
+                rows.row(number + row as u64, &cells.map_err(|e| malformed(row, e))?, output)?;
+            }
+        }
+        row = end;
+    }
+    Ok(())
 }
 
 /// Tells a file that was cut from one that never was Parquet.

@@ -2,6 +2,7 @@
 
 use std::borrow::Cow;
 use std::collections::HashSet;
+use std::rc::Rc;
 
 use super::FormatError;
 use super::columns::Role;
@@ -21,15 +22,34 @@ pub(super) enum Cell<'a> {
     Text(&'a str),
 }
 
+/// What a column holds in consecutive rows of one event.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Run<'a> {
+    /// The same in all of them.
+    Same(Cell<'a>),
+    /// Numbers, none of which is missing.
+    Numbers(&'a [f64]),
+}
+
+impl<'a> Run<'a> {
+    fn cell(&self, row: usize) -> Cell<'a> {
+        match self {
+            Self::Same(cell) => *cell,
+            Self::Numbers(numbers) => Cell::Number(numbers[row]),
+        }
+    }
+}
+
 /// Collects rows; an event ends where the next one begins.
 pub(super) struct Rows {
-    roles: Vec<Role>,
+    roles: Rc<[Role]>,
     id_column: usize,
     current: Option<Current>,
     ended: HashSet<String>,
 }
 
 struct Current {
+    roles: Rc<[Role]>,
     /// As it stands in its rows; empty where they have none.
     id: String,
     draft: Draft,
@@ -41,7 +61,12 @@ struct Current {
 impl Rows {
     pub(super) fn new(roles: Vec<Role>) -> Self {
         let id_column = roles.iter().position(|role| *role == Role::EventId).expect("a preset requires event_id");
-        Self { roles, id_column, current: None, ended: HashSet::new() }
+        Self { roles: roles.into(), id_column, current: None, ended: HashSet::new() }
+    }
+
+    /// Which of the columns says what event a row is of.
+    pub(super) fn id_column(&self) -> usize {
+        self.id_column
     }
 
     /// Takes row `number`, one cell a column.
@@ -51,11 +76,33 @@ impl Rows {
         cells: &[Cell<'_>],
         output: &mut Output<'_, '_>,
     ) -> Result<(), FormatError> {
-        let id = match cells[self.id_column] {
-            Cell::Missing => Cow::from(""),
-            Cell::Text(text) => Cow::from(text),
-            Cell::Number(id) => Cow::from(id.to_string()),
-        };
+        self.begin(number, cells[self.id_column], output)?.step(cells, output);
+        Ok(())
+    }
+
+    /// Takes `length` rows of one event, the first of which is row `number`, as [`Self::row`] would one after another.
+    pub(super) fn run(
+        &mut self,
+        number: u64,
+        length: usize,
+        columns: &[Run<'_>],
+        output: &mut Output<'_, '_>,
+    ) -> Result<(), FormatError> {
+        let current = self.begin(number, columns[self.id_column].cell(0), output)?;
+        if current.steps + length <= output.limits.max_steps as usize {
+            current.run(length, columns, output);
+            return Ok(());
+        }
+        for row in 0..length {
+            let cells: Vec<_> = columns.iter().map(|column| column.cell(row)).collect();
+            current.step(&cells, output);
+        }
+        Ok(())
+    }
+
+    /// The event that row `number` belongs to; where it begins there, the one before is handed over.
+    fn begin(&mut self, number: u64, id: Cell<'_>, output: &mut Output<'_, '_>) -> Result<&mut Current, FormatError> {
+        let id = text_of(id);
         if self.current.as_ref().is_none_or(|current| current.id != id) {
             self.flush(output)?;
             if self.ended.contains(id.as_ref()) {
@@ -64,17 +111,14 @@ impl Rows {
             }
             let mut draft = Draft::default();
             draft.set_text("event_id", &id, output.limits.max_text_bytes);
-            let id = id.into_owned();
-            self.current = Some(Current { id, draft, first_row: number, steps: 0, texts: [const { None }; 3] });
+            let (id, roles) = (id.into_owned(), Rc::clone(&self.roles));
+            self.current = Some(Current { roles, id, draft, first_row: number, steps: 0, texts: [const { None }; 3] });
         }
-        let current = self.current.as_mut().expect("an event was just begun");
-        current.step(&self.roles, cells, output);
-        Ok(())
+        Ok(self.current.as_mut().expect("an event was just begun"))
     }
 
     /// The row has other cells than the header: whatever event it is of is refused.
-    pub(super) fn ragged(&mut self, found: usize) {
-        let wanted = self.roles.len();
+    pub(super) fn ragged(&mut self, found: usize, wanted: usize) {
         if let Some(current) = &mut self.current {
             let step = current.steps.saturating_sub(1);
             current
@@ -95,7 +139,8 @@ impl Rows {
 }
 
 impl Current {
-    fn step(&mut self, roles: &[Role], cells: &[Cell<'_>], output: &Output<'_, '_>) {
+    fn step(&mut self, cells: &[Cell<'_>], output: &Output<'_, '_>) {
+        let roles = Rc::clone(&self.roles);
         let step = self.steps;
         let max_steps = output.limits.max_steps as usize;
         if step == max_steps {
@@ -114,13 +159,21 @@ impl Current {
         }
     }
 
+    /// As [`Self::step`] of each of the rows, of which there are not too many: flaws are in the first if in any, since a
+    /// column that can differ from row to row says the same in all of them.
+    fn run(&mut self, length: usize, columns: &[Run<'_>], output: &Output<'_, '_>) {
+        self.step(&columns.iter().map(|column| column.cell(0)).collect::<Vec<_>>(), output);
+        self.steps += length - 1;
+        for (&role, column) in Rc::clone(&self.roles).iter().zip(columns) {
+            if let (Some(array), Run::Numbers(numbers)) = (self.array(role), column) {
+                array.extend_from_slice(&numbers[1..]);
+            }
+        }
+    }
+
     /// A column that says the same in every row of an event.
     fn text(&mut self, slot: usize, role: Role, cell: Cell<'_>, step: usize, max_bytes: u32) {
-        let text = match cell {
-            Cell::Missing => Cow::from(""),
-            Cell::Text(text) => Cow::from(text),
-            Cell::Number(number) => Cow::from(number.to_string()),
-        };
+        let text = text_of(cell);
         match &self.texts[slot] {
             None => {
                 self.draft.set_text(role.field(), &text, max_bytes);
@@ -145,19 +198,36 @@ impl Current {
                 0.0
             }),
         };
+        if let Some(array) = self.array(role) {
+            array.push(value);
+            return;
+        }
+        match self.draft.recording.dt_s {
+            None => self.draft.recording.dt_s = Some(value),
+            Some(first) if first.to_bits() == value.to_bits() => {}
+            Some(first) => differs(&mut self.draft, role, step, &value.to_string(), &first.to_string()),
+        }
+    }
+
+    /// Where the numbers of a column go that has one for every step.
+    fn array(&mut self, role: Role) -> Option<&mut Vec<f64>> {
         let recording = &mut self.draft.recording;
         match role {
-            Role::Spacing => recording.spacing_m.push(value),
-            Role::FollowerSpeed => recording.follower_speed_mps.push(value),
-            Role::LeaderSpeed => recording.leader_speed_mps.push(value),
-            Role::RelSpeed => recording.rel_speed_mps.get_or_insert_default().push(value),
-            Role::Time => recording.t_s.get_or_insert_default().push(value),
-            _ => match recording.dt_s {
-                None => recording.dt_s = Some(value),
-                Some(first) if first.to_bits() == value.to_bits() => {}
-                Some(first) => differs(&mut self.draft, role, step, &value.to_string(), &first.to_string()),
-            },
+            Role::Spacing => Some(&mut recording.spacing_m),
+            Role::FollowerSpeed => Some(&mut recording.follower_speed_mps),
+            Role::LeaderSpeed => Some(&mut recording.leader_speed_mps),
+            Role::RelSpeed => Some(recording.rel_speed_mps.get_or_insert_default()),
+            Role::Time => Some(recording.t_s.get_or_insert_default()),
+            _ => None,
         }
+    }
+}
+
+fn text_of(cell: Cell<'_>) -> Cow<'_, str> {
+    match cell {
+        Cell::Missing => Cow::from(""),
+        Cell::Text(text) => Cow::from(text),
+        Cell::Number(number) => Cow::from(number.to_string()),
     }
 }
 

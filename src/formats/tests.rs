@@ -3,6 +3,7 @@
 mod bytes;
 pub(crate) mod encode;
 mod json;
+mod rows;
 mod tabular;
 
 use std::fs::File;
