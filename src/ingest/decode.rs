@@ -9,31 +9,47 @@ use super::{IngestError, IngestSettings, Upload};
 use crate::car_following::{CheckSettings, Conversion, Target};
 use crate::formats::{BodyKind, FormatError, FormatLimits, RawEvent, decode};
 use crate::lineage::{ModelSettings, RegimeName, Rejection, Split};
-use crate::store::event::NewEvent;
+use crate::store::event::{NewEvent, STORED_AT_ONCE};
 
-/// Events between the thread that decodes and the writer.
-const IN_FLIGHT: usize = 64;
+/// Bytes of events that make them go to the writer, however few they are.
+const BYTES_AT_ONCE: u64 = 256 << 10;
+/// Such groups between the thread that decodes and the writer.
+const IN_FLIGHT: usize = 4;
 
-/// An event on its way to the store.
-pub(super) enum Arrival {
-    Accepted(Box<NewEvent>),
-    Rejected(Rejection),
+/// Events on their way to the store, not more than are stored at once; accepted and refused ones in their order.
+#[derive(Default)]
+pub(super) struct Arrivals {
+    pub(super) accepted: Vec<NewEvent>,
+    pub(super) rejected: Vec<Rejection>,
+    bytes: u64,
 }
 
-impl Arrival {
-    /// About how much memory it takes.
+impl Arrivals {
+    /// About how much memory they take.
     pub(super) fn bytes(&self) -> u64 {
-        const OVERHEAD: u64 = 512;
-        match self {
-            Self::Accepted(event) => 12 * event.event.steps() as u64 + OVERHEAD,
-            Self::Rejected(rejection) => rejection.detail.len() as u64 + OVERHEAD,
-        }
+        self.bytes
     }
+
+    fn accept(&mut self, event: NewEvent) {
+        self.bytes += 12 * event.event.steps() as u64 + Self::OVERHEAD;
+        self.accepted.push(event);
+    }
+
+    fn reject(&mut self, rejection: Rejection) {
+        self.bytes += rejection.detail.len() as u64 + Self::OVERHEAD;
+        self.rejected.push(rejection);
+    }
+
+    fn are_enough(&self) -> bool {
+        self.accepted.len() + self.rejected.len() == STORED_AT_ONCE || self.bytes >= BYTES_AT_ONCE
+    }
+
+    const OVERHEAD: u64 = 512;
 }
 
-/// The thread that decodes, and what comes from it. Dropped, it stops at the next event.
+/// The thread that decodes, and what comes from it. Dropped, it stops soon.
 pub(super) struct Decoding {
-    arrivals: Receiver<Arrival>,
+    arrivals: Receiver<Arrivals>,
     thread: Option<JoinHandle<Result<(), FormatError>>>,
 }
 
@@ -46,10 +62,10 @@ impl Decoding {
         Self { arrivals, thread: Some(thread) }
     }
 
-    /// The next arrival; none when the body ended as it should.
-    pub(super) async fn next(&mut self) -> Result<Option<Arrival>, IngestError> {
-        if let Some(arrival) = self.arrivals.recv().await {
-            return Ok(Some(arrival));
+    /// The next arrivals; none when the body ended as it should.
+    pub(super) async fn next(&mut self) -> Result<Option<Arrivals>, IngestError> {
+        if let Some(arrivals) = self.arrivals.recv().await {
+            return Ok(Some(arrivals));
         }
         if let Some(thread) = self.thread.take() {
             thread.await.map_err(|_| IngestError::Panicked)??;
@@ -58,13 +74,13 @@ impl Decoding {
     }
 }
 
-/// Decodes and checks `upload`'s body into `arrivals`, until its end or until nobody listens.
+/// Decodes and checks `upload`'s body into `sender`, until its end or until nobody listens.
 fn run(
     upload: Upload,
     conversion: Conversion,
     limits: &FormatLimits,
     checks: &CheckSettings,
-    arrivals: &Sender<Arrival>,
+    sender: &Sender<Arrivals>,
 ) -> Result<(), FormatError> {
     let kind = BodyKind { format: upload.format, encoding: upload.encoding, preset: upload.options.preset };
     let model = &upload.model;
@@ -72,19 +88,23 @@ fn run(
     let (min_steps, max_steps) = (model.horizon as usize + 2, limits.max_steps as usize);
     let target = Target { dt_s: model.dt_s, min_steps, max_steps };
     let (source, regime) = (upload.options.source.as_deref(), upload.options.regime.as_ref());
+    let mut arrivals = Arrivals::default();
     decode(upload.body.file, kind, limits, &mut |decoded| {
-        let arrival = match decoded {
-            Err(rejection) => Arrival::Rejected(rejection),
+        match decoded {
+            Err(rejection) => arrivals.reject(rejection),
             Ok(raw) => match checks.check(&raw.recording, &conversion, &target) {
-                Err(defects) => Arrival::Rejected(raw.reject(defects)),
-                Ok(event) => Arrival::Accepted(Box::new(arriving(raw, event, model, source, regime))),
+                Err(defects) => arrivals.reject(raw.reject(defects)),
+                Ok(event) => arrivals.accept(arriving(raw, event, model, source, regime)),
             },
-        };
-        match arrivals.blocking_send(arrival) {
-            Ok(()) => ControlFlow::Continue(()),
-            Err(_) => ControlFlow::Break(()),
         }
-    })
+        if arrivals.are_enough() && sender.blocking_send(std::mem::take(&mut arrivals)).is_err() {
+            return ControlFlow::Break(());
+        }
+        ControlFlow::Continue(())
+    })?;
+    // Nobody who listens is nobody who minds.
+    let _ = sender.blocking_send(arrivals);
+    Ok(())
 }
 
 fn arriving(

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use super::decode::{Arrival, Decoding};
+use super::decode::Decoding;
 use super::receipt::Summary;
 use super::{IngestError, IngestSettings, Upload};
 use crate::car_following::resampled_steps;
@@ -35,24 +35,22 @@ pub async fn examine(upload: Upload, settings: &IngestSettings, max_steps: u64) 
     let mut decoding = Decoding::start(upload, conversion, settings);
     let (mut events, mut summary) = (BTreeMap::new(), Summary::default());
     let (mut duplicates, mut rejected_count, mut rejected) = (0, 0, Vec::new());
-    while let Some(arrival) = decoding.next().await? {
-        match arrival {
-            Arrival::Accepted(event) if events.contains_key(&event.content_sha256) => duplicates += 1,
-            Arrival::Accepted(event) => {
-                summary.add(&event);
-                steps += resampled_steps(event.event.steps(), event.event.dt_s(), model_dt_s) as u64;
-                if steps > max_steps {
-                    return Err(IngestError::TooManySteps { max_steps });
-                }
-                events.insert(event.content_sha256, *event);
+    while let Some(arrivals) = decoding.next().await? {
+        for event in arrivals.accepted {
+            if events.contains_key(&event.content_sha256) {
+                duplicates += 1;
+                continue;
             }
-            Arrival::Rejected(refused) => {
-                rejected_count += 1;
-                if rejected.len() < settings.max_listed_rejections as usize {
-                    rejected.push(refused);
-                }
+            summary.add(&event);
+            steps += resampled_steps(event.event.steps(), event.event.dt_s(), model_dt_s) as u64;
+            if steps > max_steps {
+                return Err(IngestError::TooManySteps { max_steps });
             }
+            events.insert(event.content_sha256, event);
         }
+        rejected_count += arrivals.rejected.len() as u64;
+        let room = settings.max_listed_rejections as usize - rejected.len();
+        rejected.extend(arrivals.rejected.into_iter().take(room));
     }
     Ok(Examined { events: events.into_values().collect(), duplicates, rejected_count, rejected, summary })
 }

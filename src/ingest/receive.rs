@@ -2,12 +2,11 @@
 
 use jiff::Timestamp;
 
-use super::decode::{Arrival, Decoding};
+use super::decode::{Arrivals, Decoding};
 use super::receipt::{Receipt, Summary};
 use super::{IngestError, IngestSettings, Upload};
 use crate::store::batch::{self, BatchOutcome, NewBatch};
-use crate::store::event::{self, LINKS_AT_ONCE, Link};
-use crate::store::{Store, WriteTransaction, rejection};
+use crate::store::{Store, WriteTransaction, event, rejection};
 
 /// An upload that is stored as soon as its transaction is committed.
 #[derive(Debug)]
@@ -40,9 +39,9 @@ pub async fn receive(store: &Store, upload: Upload, settings: &IngestSettings) -
     let (mut buffer, mut bytes, mut over) = (Vec::new(), 0, false);
     while !over && bytes < settings.buffer_bytes {
         match decoding.next().await? {
-            Some(arrival) => {
-                bytes += arrival.bytes();
-                buffer.push(arrival);
+            Some(arrivals) => {
+                bytes += arrivals.bytes();
+                buffer.push(arrivals);
             }
             None => over = true,
         }
@@ -50,12 +49,12 @@ pub async fn receive(store: &Store, upload: Upload, settings: &IngestSettings) -
     let mut transaction = store.begin().await?;
     let batch_id = batch::begin(&mut transaction, &new).await?;
     let mut writer = Writer::new(new.model_id, batch_id, now, settings.max_listed_rejections);
-    for arrival in buffer {
-        writer.take(&mut transaction, arrival).await?;
+    for arrivals in buffer {
+        writer.take(&mut transaction, arrivals).await?;
     }
     while !over {
         match decoding.next().await? {
-            Some(arrival) => writer.take(&mut transaction, arrival).await?,
+            Some(arrivals) => writer.take(&mut transaction, arrivals).await?,
             None => over = true,
         }
     }
@@ -69,7 +68,6 @@ struct Writer {
     now: Timestamp,
     max_listed: usize,
     linked: i64,
-    links: Vec<Link>,
     receipt: Receipt,
 }
 
@@ -83,46 +81,32 @@ impl Writer {
             rejected: Vec::new(),
             summary: Summary::default(),
         };
-        Self { model_id, now, max_listed: max_listed as usize, linked: 0, links: Vec::new(), receipt }
+        Self { model_id, now, max_listed: max_listed as usize, linked: 0, receipt }
     }
 
-    async fn take(&mut self, transaction: &mut WriteTransaction, arrival: Arrival) -> Result<(), IngestError> {
+    async fn take(&mut self, transaction: &mut WriteTransaction, arrivals: Arrivals) -> Result<(), IngestError> {
+        let Arrivals { accepted, mut rejected, .. } = arrivals;
         let batch_id = self.receipt.batch_id;
-        match arrival {
-            Arrival::Accepted(arriving) => {
-                let link = event::store(transaction, self.model_id, batch_id, &arriving, self.now).await?;
-                if link.duplicate {
-                    self.receipt.duplicates += 1;
-                } else {
-                    self.receipt.accepted += 1;
-                    self.receipt.summary.add(&arriving);
-                }
-                self.links.push(link);
-                if self.links.len() == LINKS_AT_ONCE {
-                    self.link(transaction).await?;
-                }
-            }
-            Arrival::Rejected(refused) => {
-                let ordinal = i64::try_from(self.receipt.rejected_count).expect("a body's events are bounded");
-                rejection::store(transaction, batch_id, ordinal, &refused).await?;
-                self.receipt.rejected_count += 1;
-                if self.receipt.rejected.len() < self.max_listed {
-                    self.receipt.rejected.push(refused);
-                }
+        let links = event::store(transaction, self.model_id, batch_id, &accepted, self.now).await?;
+        event::link(transaction, batch_id, self.linked, &links).await?;
+        self.linked += i64::try_from(links.len()).expect("a body's events are bounded");
+        for (event, link) in accepted.iter().zip(links) {
+            if link.duplicate {
+                self.receipt.duplicates += 1;
+            } else {
+                self.receipt.accepted += 1;
+                self.receipt.summary.add(event);
             }
         }
+        let ordinal = self.receipt.rejected_count.cast_signed();
+        rejection::store(transaction, batch_id, ordinal, &rejected).await?;
+        self.receipt.rejected_count += rejected.len() as u64;
+        rejected.truncate(self.max_listed - self.receipt.rejected.len());
+        self.receipt.rejected.append(&mut rejected);
         Ok(())
     }
 
-    async fn link(&mut self, transaction: &mut WriteTransaction) -> Result<(), IngestError> {
-        event::link(transaction, self.receipt.batch_id, self.linked, &self.links).await?;
-        self.linked += i64::try_from(self.links.len()).expect("a chunk of links");
-        self.links.clear();
-        Ok(())
-    }
-
-    async fn end(mut self, transaction: &mut WriteTransaction) -> Result<Receipt, IngestError> {
-        self.link(transaction).await?;
+    async fn end(self, transaction: &mut WriteTransaction) -> Result<Receipt, IngestError> {
         let outcome = BatchOutcome {
             accepted: self.receipt.accepted,
             duplicates: self.receipt.duplicates,

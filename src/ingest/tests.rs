@@ -10,6 +10,7 @@ use crate::consolidation::Method;
 use crate::formats::{Encoding, Format, FormatError, Preset};
 use crate::lineage::{EventCounts, ModelSettings, RegimeRule};
 use crate::store::fixture::{Fixture, now, regime};
+use crate::store::retract::retract;
 
 /// One event a line, told apart by its number.
 fn lines(numbers: Range<u32>) -> String {
@@ -161,4 +162,24 @@ async fn what_an_upload_says_counts_where_an_event_says_nothing() {
     assert_eq!(summary.splits, [("test", 1), ("validation", 1)].into());
     assert_eq!((summary.steps, summary.mean_speed_mps), (30, Some(SpeedRange { min: 8.0, max: 10.0 })));
     assert!((summary.seconds - 3.0).abs() < 1e-6);
+}
+
+#[tokio::test]
+async fn copies_are_told_from_new_events_and_from_retracted_ones_wherever_they_stand() {
+    let fixture = Fixture::new().await;
+    let model_id = model(&fixture).await;
+    let first = stored(&fixture, model_id, lines(0..150)).await;
+    let mut transaction = fixture.store.begin().await.unwrap();
+    retract(&mut transaction, model_id, first.batch_id, now()).await.unwrap();
+    transaction.commit().await.unwrap();
+    stored(&fixture, model_id, lines(0..100)).await;
+    // Known, new, retracted, and a copy of each beside it or far from it: fewer, as many and more than are stored at once.
+    let mixed: String = (50..130).map(line).chain([line(500), line(500), line(149), refused(), line(149)]).collect();
+    let receipt = stored(&fixture, model_id, mixed + &lines(95..105) + &line(500)).await;
+    assert_eq!((receipt.accepted, receipt.duplicates, receipt.rejected_count), (30 + 1 + 1, 50 + 2 + 11, 1));
+    let counts = fixture.store.batch_event_counts(receipt.batch_id).await.unwrap();
+    assert_eq!(counts, EventCounts { pending: 82, ..EventCounts::default() });
+    let again = stored(&fixture, model_id, lines(0..130)).await;
+    assert_eq!((again.accepted, again.duplicates), (0, 130));
+    assert_eq!(fixture.store.batch_event_counts(first.batch_id).await.unwrap().retracted, 19);
 }

@@ -1,15 +1,18 @@
 //! Events: each content once a model, however often it is uploaded.
 
-use jiff::Timestamp;
-use sqlx::{QueryBuilder, Row, Sqlite, query};
+use std::collections::HashMap;
 
-use super::column::stored_time;
+use jiff::Timestamp;
+use sqlx::sqlite::SqliteRow;
+use sqlx::{QueryBuilder, Row, Sqlite};
+
+use super::column::{digest, stored_time};
 use super::{StoreError, WriteTransaction};
 use crate::car_following::Event;
 use crate::lineage::{RegimeName, Split};
 
-/// Links written with one statement.
-pub const LINKS_AT_ONCE: usize = 500;
+/// Most events stored with one statement: beyond some dozens, each of them costs little more than by itself.
+pub const STORED_AT_ONCE: usize = 64;
 
 /// An event that arrives.
 #[derive(Debug, Clone, PartialEq)]
@@ -39,8 +42,9 @@ pub struct Link {
     pub duplicate: bool,
 }
 
-/// Stores an event that arrives in `batch_id`, unless the model has its content. Content that was retracted waits
-/// again, in this batch and under this batch's regime; of everything else the first copy decides.
+/// Stores events that arrive in `batch_id`, at most [`STORED_AT_ONCE`], and tells where, in their order. Of content that
+/// the model has, or that is among them before, nothing is stored. Content that was retracted waits again, in this batch
+/// and under this batch's regime; of everything else the first copy decides.
 ///
 /// # Errors
 /// When the database cannot be written.
@@ -48,46 +52,81 @@ pub async fn store(
     transaction: &mut WriteTransaction,
     model_id: i64,
     batch_id: i64,
-    arriving: &NewEvent,
+    arriving: &[NewEvent],
     now: Timestamp,
-) -> Result<Link, StoreError> {
-    let event = &arriving.event;
-    let steps = i64::try_from(event.steps()).map_err(|e| StoreError::malformed("number of steps", e))?;
-    // A conflict with content that still counts updates nothing, and then no row comes back.
-    let row = query(
-        "insert into event (model_id, content_sha256, batch_id, name, source, run, split, regime, state, dt_s, steps,
-             mean_speed_mps, arrived_at, arrays) values (?, ?, ?, ?, ?, ?, ?, ?, 'pending', ?, ?, ?, ?, ?)
-         on conflict (model_id, content_sha256) do update set state = 'pending', batch_id = excluded.batch_id,
-             regime = excluded.regime, arrived_at = excluded.arrived_at where state = 'retracted'
-         returning event_id",
-    )
-    .bind(model_id)
-    .bind(&arriving.content_sha256[..])
-    .bind(batch_id)
-    .bind(&arriving.name)
-    .bind(arriving.source.as_deref())
-    .bind(arriving.run.as_deref())
-    .bind(arriving.split.as_str())
-    .bind(arriving.regime.as_str())
-    .bind(event.dt_s())
-    .bind(steps)
-    .bind(event.mean_speed_mps())
-    .bind(stored_time(now))
-    .bind(event.to_bytes())
-    .fetch_optional(&mut **transaction)
-    .await?;
-    if let Some(row) = row {
-        return Ok(Link { event_id: row.try_get("event_id")?, duplicate: false });
+) -> Result<Vec<Link>, StoreError> {
+    let mut stored = insert(transaction, model_id, batch_id, arriving, now).await?;
+    let known: Vec<_> =
+        arriving.iter().map(|event| event.content_sha256).filter(|it| !stored.contains_key(it)).collect();
+    let known = find(transaction, model_id, &known).await?;
+    let mut links = Vec::with_capacity(arriving.len());
+    for event in arriving {
+        let digest = event.content_sha256;
+        // Of copies among them the first is the one that was stored.
+        let new = stored.get_mut(&digest).map(|(event_id, linked)| (*event_id, std::mem::replace(linked, true)));
+        let (event_id, duplicate) = new
+            .or_else(|| known.get(&digest).map(|&event_id| (event_id, true)))
+            .ok_or_else(|| StoreError::malformed("event", "content that was there is gone"))?;
+        links.push(Link { event_id, duplicate });
     }
-    let known = query("select event_id from event where model_id = ? and content_sha256 = ?")
-        .bind(model_id)
-        .bind(&arriving.content_sha256[..])
-        .fetch_one(&mut **transaction)
-        .await?;
-    Ok(Link { event_id: known.try_get("event_id")?, duplicate: true })
+    Ok(links)
 }
 
-/// Notes that a batch holds these events, the first of them at `ordinal`, in order: at most [`LINKS_AT_ONCE`].
+/// Row ids of the events that are new, or were retracted, by digest; all `false`.
+async fn insert(
+    transaction: &mut WriteTransaction,
+    model_id: i64,
+    batch_id: i64,
+    arriving: &[NewEvent],
+    now: Timestamp,
+) -> Result<HashMap<[u8; 32], (i64, bool)>, StoreError> {
+    if arriving.is_empty() {
+        return Ok(HashMap::new());
+    }
+    let arrived_at = stored_time(now);
+    let mut insert = QueryBuilder::<Sqlite>::new(
+        "insert into event (model_id, content_sha256, batch_id, name, source, run, split, regime, state, dt_s, steps,
+             mean_speed_mps, arrived_at, arrays) ",
+    );
+    insert.push_values(arriving, |mut row, arriving| {
+        let event = &arriving.event;
+        row.push_bind(model_id).push_bind(&arriving.content_sha256[..]).push_bind(batch_id);
+        row.push_bind(&arriving.name).push_bind(arriving.source.as_deref()).push_bind(arriving.run.as_deref());
+        row.push_bind(arriving.split.as_str()).push_bind(arriving.regime.as_str()).push("'pending'");
+        row.push_bind(event.dt_s()).push_bind(i64::try_from(event.steps()).expect("an event's steps are bounded"));
+        row.push_bind(event.mean_speed_mps()).push_bind(&arrived_at).push_bind(event.to_bytes());
+    });
+    // A conflict with content that still counts updates nothing, and then no row comes back.
+    insert.push(
+        " on conflict (model_id, content_sha256) do update set state = 'pending', batch_id = excluded.batch_id,
+             regime = excluded.regime, arrived_at = excluded.arrived_at where state = 'retracted'
+         returning event_id, content_sha256",
+    );
+    let rows = run(insert, arriving.len(), transaction).await?;
+    rows.iter().map(|row| Ok((digest(row, "content_sha256")?, (row.try_get("event_id")?, false)))).collect()
+}
+
+/// Row ids of the model's events with this content, by digest.
+async fn find(
+    transaction: &mut WriteTransaction,
+    model_id: i64,
+    content: &[[u8; 32]],
+) -> Result<HashMap<[u8; 32], i64>, StoreError> {
+    if content.is_empty() {
+        return Ok(HashMap::new());
+    }
+    let mut select =
+        QueryBuilder::<Sqlite>::new("select event_id, content_sha256 from event where content_sha256 in (");
+    let mut digests = select.separated(", ");
+    for digest in content {
+        digests.push_bind(&digest[..]);
+    }
+    select.push(") and model_id = ").push_bind(model_id);
+    let rows = run(select, content.len(), transaction).await?;
+    rows.iter().map(|row| Ok((digest(row, "content_sha256")?, row.try_get("event_id")?))).collect()
+}
+
+/// Notes that a batch holds these events, the first of them at `ordinal`, in order: at most [`STORED_AT_ONCE`].
 ///
 /// # Errors
 /// When the database cannot be written.
@@ -104,7 +143,16 @@ pub async fn link(
     insert.push_values(links.iter().zip(ordinal..), |mut row, (link, ordinal)| {
         row.push_bind(batch_id).push_bind(ordinal).push_bind(link.event_id).push_bind(link.duplicate);
     });
-    // Batches differ in length: kept statements of every length would push the others out.
-    insert.build().persistent(links.len() == LINKS_AT_ONCE).execute(&mut **transaction).await?;
+    run(insert, links.len(), transaction).await?;
     Ok(())
+}
+
+/// Runs a statement about `length` things. Only that about the most of them is kept prepared: those of every other length
+/// would push the other statements out.
+async fn run(
+    mut statement: QueryBuilder<Sqlite>,
+    length: usize,
+    transaction: &mut WriteTransaction,
+) -> Result<Vec<SqliteRow>, StoreError> {
+    Ok(statement.build().persistent(length == STORED_AT_ONCE).fetch_all(&mut **transaction).await?)
 }

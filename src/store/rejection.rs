@@ -1,13 +1,13 @@
 //! Events that were refused, kept for inspection.
 
 use sqlx::sqlite::SqliteRow;
-use sqlx::{Row, query};
+use sqlx::{QueryBuilder, Row, Sqlite, query};
 
 use super::column::count;
 use super::{Store, StoreError, WriteTransaction};
 use crate::lineage::{Place, Rejection};
 
-/// Keeps a rejection as number `ordinal` of its batch.
+/// Keeps rejections of a batch, the first of them as its number `ordinal`, in order.
 ///
 /// # Errors
 /// When the database cannot be written.
@@ -15,23 +15,20 @@ pub async fn store(
     transaction: &mut WriteTransaction,
     batch_id: i64,
     ordinal: i64,
-    rejection: &Rejection,
+    rejections: &[Rejection],
 ) -> Result<(), StoreError> {
-    let position = i64::try_from(rejection.index).map_err(|e| StoreError::malformed("position", e))?;
-    query(
-        "insert into rejection (batch_id, ordinal, position, name, place, at, code, detail)
-         values (?, ?, ?, ?, ?, ?, ?, ?)",
-    )
-    .bind(batch_id)
-    .bind(ordinal)
-    .bind(position)
-    .bind(rejection.event_id.as_deref())
-    .bind(rejection.place.kind())
-    .bind(rejection.place.to_string())
-    .bind(&rejection.code)
-    .bind(&rejection.detail)
-    .execute(&mut **transaction)
-    .await?;
+    if rejections.is_empty() {
+        return Ok(());
+    }
+    let mut insert = QueryBuilder::<Sqlite>::new(
+        "insert into rejection (batch_id, ordinal, position, name, place, at, code, detail) ",
+    );
+    insert.push_values(rejections.iter().zip(ordinal..), |mut row, (rejection, ordinal)| {
+        row.push_bind(batch_id).push_bind(ordinal).push_bind(rejection.index.cast_signed());
+        row.push_bind(rejection.event_id.as_deref()).push_bind(rejection.place.kind());
+        row.push_bind(rejection.place.to_string()).push_bind(&rejection.code).push_bind(&rejection.detail);
+    });
+    insert.build().persistent(false).execute(&mut **transaction).await?;
     Ok(())
 }
 
