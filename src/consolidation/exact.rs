@@ -3,8 +3,8 @@
 use super::Kept;
 use super::seeds::Scalars;
 use crate::car_following::Event;
-use crate::driver::{Drive, Loop, Scaling};
-use crate::lstm::{Magnitude, Real};
+use crate::driver::{Drive, DriverShape, OwnGradients, Scaling};
+use crate::lstm::{Magnitude, Network, Real};
 
 /// What is added up of each gradient.
 pub(super) fn magnitude(kept: Kept) -> Magnitude {
@@ -14,20 +14,20 @@ pub(super) fn magnitude(kept: Kept) -> Magnitude {
     }
 }
 
-/// `Σ_n Σ_t |∂y_nt/∂θ|` or its squares over the open loop: the windows of all events in one backward pass, since no window
-/// reads what another one answered.
+/// `Σ_n Σ_t |∂y_nt/∂θ|` or its squares over the open loop, window by window, since none reads what another one answered.
 pub(super) fn open_loop<T: Real>(
-    drive: &mut Drive<T>,
+    shape: DriverShape,
     scalars: Scalars,
     kept: Kept,
-    weights: &[T],
+    network: &Network<T>,
     scaling: &Scaling,
     events: &[&Event],
 ) -> Vec<T> {
-    let mut sums = vec![T::zero(); weights.len()];
-    drive.forward(weights, scaling, events, Loop::Open);
-    drive.backward_open(weights, |t, n, a| scalars.by_accel(events[n], t, a));
-    drive.windows().add_magnitudes(magnitude(kept), &mut sums);
+    let mut sums = vec![T::zero(); network.weights().len()];
+    let mut own = OwnGradients::new(shape);
+    for event in events {
+        own.add(network, scaling, event, magnitude(kept), |t, a| scalars.by_accel(event, t, a), &mut sums);
+    }
     sums
 }
 
@@ -37,17 +37,17 @@ pub(super) fn one_by_one<T: Real>(
     drive: &mut Drive<T>,
     scalars: Scalars,
     kept: Kept,
-    weights: &[T],
+    network: &Network<T>,
     scaling: &Scaling,
     events: &[&Event],
 ) -> Vec<T> {
-    let mut sums = vec![T::zero(); weights.len()];
-    let mut gradient = vec![T::zero(); weights.len()];
+    let mut sums = vec![T::zero(); network.weights().len()];
+    let mut gradient = vec![T::zero(); network.weights().len()];
     for event in events {
         let mut coefficients = vec![0.0; scalars.count(event)];
         for k in 0..coefficients.len() {
             coefficients[k] = 1.0;
-            scalars.combine(drive, weights, scaling, event, &coefficients, &mut gradient);
+            scalars.combine(drive, network, scaling, event, &coefficients, &mut gradient);
             coefficients[k] = 0.0;
             for (sum, g) in sums.iter_mut().zip(&gradient) {
                 *sum += match kept {

@@ -4,7 +4,7 @@ use super::seeds::Scalars;
 use super::{Estimator, ImportanceOptions, Kept, Output, exact, sampled};
 use crate::car_following::Event;
 use crate::driver::{Crew, Drive, Memory, Scaling};
-use crate::lstm::Real;
+use crate::lstm::{Network, Real};
 
 /// Events between two looks at whether to go on; a multiple of every size of piece.
 const LOOKED_AT_TOGETHER: usize = 64;
@@ -35,14 +35,15 @@ pub fn importance<T: Real>(
 ) -> Option<(Vec<f64>, u64)> {
     let shape = crew.shape();
     let scalars = Scalars::new(kept, options, shape);
+    let network = Network::new(shape.layout(), weights);
     let piece_sums = |drive: &mut Drive<T>, piece: &[&Event]| -> Vec<f64> {
         let wide = |sums: Vec<T>| sums.into_iter().map(T::wide).collect();
         match (options.estimator, options.output) {
-            (Estimator::Sampled, _) => sampled::sampled(drive, scalars, kept, options.draws, weights, scaling, piece),
+            (Estimator::Sampled, _) => sampled::sampled(drive, scalars, kept, options.draws, &network, scaling, piece),
             (_, Output::OpenLoop) if shape.memory == Memory::Window => {
-                wide(exact::open_loop(drive, scalars, kept, weights, scaling, piece))
+                wide(exact::open_loop(shape, scalars, kept, &network, scaling, piece))
             }
-            _ => wide(exact::one_by_one(drive, scalars, kept, weights, scaling, piece)),
+            _ => wide(exact::one_by_one(drive, scalars, kept, &network, scaling, piece)),
         }
     };
     let mut sorted = events.to_vec();
@@ -70,25 +71,25 @@ mod tests {
     use super::super::MasOutput;
     use super::*;
     use crate::car_following::{TrafficRegime, TrafficSettings, generate};
-    use crate::driver::{DriverShape, Loop};
+    use crate::driver::{DriverShape, OwnGradients};
     use crate::lstm::{INPUTS, Layout, Magnitude, initial_weights};
 
     /// Every piece kept until the end and then added up: what takes memory that grows with the events.
-    fn piece_by_piece(shape: DriverShape, scaling: &Scaling, weights: &[f32], events: &[&Event]) -> Vec<f64> {
+    fn piece_by_piece(scaling: &Scaling, weights: &[f32], events: &[&Event]) -> Vec<f64> {
         let mut sorted = events.to_vec();
         sorted.sort_by_key(|event| std::cmp::Reverse(event.steps()));
+        let network = Network::new(SHAPE.layout(), weights);
         let pieces: Vec<_> = sorted
-            .chunks(16)
+            .chunks(8)
             .map(|piece| {
-                let mut drive = Drive::new(shape);
-                let mut sums = vec![0.0_f32; weights.len()];
-                drive.forward(weights, scaling, piece, Loop::Open);
-                drive.backward_open(weights, |_, _, _| 1.0);
-                drive.windows().add_magnitudes(Magnitude::Square, &mut sums);
+                let (mut own, mut sums) = (OwnGradients::new(SHAPE), vec![0.0_f32; weights.len()]);
+                for event in piece {
+                    own.add(&network, scaling, event, Magnitude::Square, |_, _| 1.0, &mut sums);
+                }
                 sums
             })
             .collect();
-        let samples: usize = events.iter().map(|event| event.steps() - shape.horizon).sum();
+        let samples: usize = events.iter().map(|event| event.steps() - SHAPE.horizon).sum();
         let sum = |i: usize| pieces.iter().fold(0.0, |sum, piece| sum + f64::from(piece[i]));
         (0..weights.len()).map(|i| sum(i) / samples as f64).collect()
     }
@@ -112,7 +113,7 @@ mod tests {
         let events: Vec<_> = events.iter().collect();
         let scaling = Scaling::estimate(SHAPE, &events);
         let weights = initial_weights(Layout { hidden: 4, inputs: INPUTS }, 1);
-        let expected = piece_by_piece(SHAPE, &scaling, &weights, &events);
+        let expected = piece_by_piece(&scaling, &weights, &events);
         for threads in [1, 3] {
             let workers = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
             let crew = Crew::new(SHAPE, &workers);

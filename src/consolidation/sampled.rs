@@ -5,7 +5,7 @@ use super::noise::Noise;
 use super::seeds::Scalars;
 use crate::car_following::Event;
 use crate::driver::{Drive, Scaling};
-use crate::lstm::Real;
+use crate::lstm::{Network, Real};
 
 /// An unbiased estimate of `Σ_n Σ_k (∂y_nk/∂θ)²` or `Σ_n Σ_k |∂y_nk/∂θ|`, one event's gradient at a time.
 ///
@@ -22,13 +22,13 @@ pub(super) fn sampled<T: Real>(
     scalars: Scalars,
     kept: Kept,
     draws: u32,
-    weights: &[T],
+    network: &Network<T>,
     scaling: &Scaling,
     events: &[&Event],
 ) -> Vec<f64> {
-    let mut sums = vec![0.0; weights.len()];
-    let mut products = vec![1.0; weights.len()];
-    let mut gradient = vec![T::zero(); weights.len()];
+    let mut sums = vec![0.0; network.weights().len()];
+    let mut products = vec![1.0; network.weights().len()];
+    let mut gradient = vec![T::zero(); network.weights().len()];
     let share = 1.0 / f64::from(draws);
     for event in events {
         products.fill(1.0);
@@ -40,7 +40,7 @@ pub(super) fn sampled<T: Real>(
                     Kept::Sensitivity => noise.cauchy(),
                 })
                 .collect();
-            scalars.combine(drive, weights, scaling, event, &coefficients, &mut gradient);
+            scalars.combine(drive, network, scaling, event, &coefficients, &mut gradient);
             for ((sum, product), g) in sums.iter_mut().zip(&mut products).zip(&gradient) {
                 match kept {
                     Kept::Fisher => *sum += share * g.wide() * g.wide(),

@@ -3,7 +3,7 @@
 use super::{Estimator, ImportanceOptions, Kept, MasOutput, Output};
 use crate::car_following::Event;
 use crate::driver::{Drive, DriverShape, Loop, Scaling, TrajectoryGradient};
-use crate::lstm::Real;
+use crate::lstm::{Network, Real};
 
 /// A scalar function of one step's output.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -64,7 +64,7 @@ impl Scalars {
     pub(super) fn combine<T: Real>(
         self,
         drive: &mut Drive<T>,
-        weights: &[T],
+        network: &Network<T>,
         scaling: &Scaling,
         event: &Event,
         coefficients: &[f64],
@@ -74,12 +74,12 @@ impl Scalars {
         let first = self.shape.horizon;
         match self.output {
             Output::OpenLoop => {
-                drive.forward(weights, scaling, &[event], Loop::Open);
+                drive.forward(network, scaling, &[event], Loop::Open);
                 let seed = |t: usize, _, a: T| T::of(coefficients[t - first]) * self.by_accel(event, t, a);
-                drive.backward_open_sum(weights, seed, gradient);
+                drive.backward_open_sum(network, seed, gradient);
             }
             Output::ClosedLoop => {
-                drive.forward(weights, scaling, &[event], Loop::Closed);
+                drive.forward(network, scaling, &[event], Loop::Closed);
                 let mut by = TrajectoryGradient {
                     spacing: vec![T::zero(); event.steps()],
                     speed: vec![T::zero(); event.steps()],
@@ -93,7 +93,7 @@ impl Scalars {
                         (twice * drive.spacing_m(t, 0), twice * drive.speed_mps(t, 0))
                     };
                 }
-                drive.backward(weights, scaling, &by, gradient);
+                drive.backward(network, scaling, &by, gradient);
             }
         }
     }

@@ -9,10 +9,13 @@ use super::{Drive, DriverShape};
 use crate::car_following::Event;
 use crate::lstm::Real;
 
-/// Most events driven together. Part of the arithmetic: sums are grouped by it.
-const PIECE_EVENTS: usize = 16;
+/// Most events driven together: what eight leave behind is still near when the way back reads it, and eight rows are what a
+/// product sums in registers at once. Part of the arithmetic, as the other bounds are: sums are grouped by them.
+const PIECE_EVENTS: usize = 8;
+/// Fewest, where there are so many: few events are shared out rather than driven by one thread.
+const PIECE_EVENTS_LEAST: usize = 4;
 /// Most steps driven together, unless one event has more: bounds the memory of a thread.
-const PIECE_STEPS: usize = 16 * 300;
+const PIECE_STEPS: usize = 8 * 300;
 /// Results that wait for their turn, for each thread: enough that threads seldom wait for each other.
 const WAITING_PER_THREAD: usize = 4;
 
@@ -71,8 +74,9 @@ impl<'a, T: Real> Crew<'a, T> {
 fn pieces<'a, 'e>(sorted: &'a [&'e Event]) -> Vec<&'a [&'e Event]> {
     let mut pieces = Vec::new();
     let mut rest = sorted;
+    let events = sorted.len().div_ceil(2).clamp(PIECE_EVENTS_LEAST, PIECE_EVENTS);
     while let Some(longest) = rest.first() {
-        let most = (PIECE_STEPS / longest.steps().max(1)).clamp(1, PIECE_EVENTS).min(rest.len());
+        let most = (PIECE_STEPS / longest.steps().max(1)).clamp(1, events).min(rest.len());
         let (piece, after) = rest.split_at(most);
         pieces.push(piece);
         rest = after;
@@ -125,6 +129,12 @@ mod tests {
         let events: Vec<_> = [9000, 4000, 2400, 2400].into_iter().chain([150; 40]).map(event).collect();
         let borrowed: Vec<_> = events.iter().collect();
         let sizes: Vec<_> = pieces(&borrowed).iter().map(|piece| piece.len()).collect();
-        assert_eq!(sizes, [1, 1, 2, 16, 16, 8]);
+        assert_eq!(sizes, [1, 1, 1, 1, 8, 8, 8, 8, 8]);
+        let sizes = |count: usize| pieces(&borrowed[4..4 + count]).iter().map(|piece| piece.len()).collect::<Vec<_>>();
+        assert_eq!(
+            [sizes(8), sizes(10), sizes(5)],
+            [vec![4, 4], vec![5, 5], vec![4, 1]],
+            "two threads share few events"
+        );
     }
 }

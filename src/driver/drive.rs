@@ -3,7 +3,7 @@
 use super::features::Sight;
 use super::{DriverShape, Memory, Scaling};
 use crate::car_following::Event;
-use crate::lstm::{Overlap, Passes, Real};
+use crate::lstm::{Network, Passes, Real};
 use crate::safety::{Cause, Envelope};
 
 /// Whether the network reads its own simulation or the recording.
@@ -124,14 +124,14 @@ impl<T: Real> Drive<T> {
         T::of(f64::from(self.shape.accel_limit_mps2)) * self.squashed[t * self.events + n]
     }
 
-    /// Drives `events` (longest first, each longer than the horizon) with these weights.
+    /// Drives `events` (longest first, each longer than the horizon) with this network.
     ///
     /// `v[t+1] = v[t] + dt·a[t]`, `s[t+1] = s[t] + dt·((l[t] + l[t+1])/2 − (v[t] + v[t+1])/2)`; in the open loop too, from the
     /// recorded state of each step.
     ///
     /// # Panics
     /// When an event is not longer than the horizon or they are not sorted.
-    pub fn forward(&mut self, weights: &[T], scaling: &Scaling, events: &[&Event], which: Loop) {
+    pub fn forward(&mut self, network: &Network<T>, scaling: &Scaling, events: &[&Event], which: Loop) {
         self.load(events);
         let horizon = self.shape.horizon;
         let input_steps: Vec<usize> = self.steps.iter().map(|steps| steps - 1).collect();
@@ -143,7 +143,7 @@ impl<T: Real> Drive<T> {
                 let x = self.shape.features.of(&self.sight(t, n, events, which));
                 self.inputs.extend((0..self.shape.features.inputs()).map(|k| (x[k] - mean[k]) / spread[k]));
             }
-            let outputs = self.passes.forward(weights, t, &self.inputs);
+            let outputs = self.passes.forward(network, t, &self.inputs);
             self.outputs.clear();
             self.outputs.extend(outputs.iter().map(|y| y.fast_tanh()));
             self.integrate(t, events, which);
@@ -223,7 +223,13 @@ impl<T: Real> Drive<T> {
     /// Adds to `gradient` the derivative by every weight of a scalar whose derivative by the simulated trajectory is `by`,
     /// through the integrator and through every step that the network read a simulated state at. After [`Loop::Closed`] only,
     /// and not within an envelope.
-    pub fn backward(&mut self, weights: &[T], scaling: &Scaling, by: &TrajectoryGradient<T>, gradient: &mut [T]) {
+    pub fn backward(
+        &mut self,
+        network: &Network<T>,
+        scaling: &Scaling,
+        by: &TrajectoryGradient<T>,
+        gradient: &mut [T],
+    ) {
         let dt = T::of(f64::from(self.shape.dt_s));
         let limit = T::of(f64::from(self.shape.accel_limit_mps2));
         let half_dt = T::of(0.5) * dt;
@@ -246,7 +252,7 @@ impl<T: Real> Drive<T> {
                 self.outputs.push(dt * through * limit * (T::one() - u * u));
             }
             self.by_inputs.clear();
-            self.by_inputs.extend_from_slice(self.passes.backward(weights, t, &self.outputs, gradient));
+            self.by_inputs.extend_from_slice(self.passes.backward(network, t, &self.outputs, gradient));
             if t < horizon {
                 continue;
             }
@@ -266,22 +272,9 @@ impl<T: Real> Drive<T> {
         self.passes.finish(gradient);
     }
 
-    /// Goes back from each open-loop acceleration on its own: `seed(t, n, a)` is the derivative of that step's scalar by the
-    /// acceleration a that led to step `t` of event `n`. Afterwards [`Self::windows`] holds each window's own gradient.
-    pub fn backward_open(&mut self, weights: &[T], seed: impl Fn(usize, usize, T) -> T) {
-        // Parts of a summed gradient come out on the way; importance has no use for them.
-        let mut unused = vec![T::zero(); weights.len()];
-        self.back_through_open(weights, seed, &mut unused);
-    }
-
-    /// Adds to `gradient` the derivative by every weight of the sum of all these scalars: one backward pass, and the windows'
-    /// own gradients are not looked at.
-    pub fn backward_open_sum(&mut self, weights: &[T], seed: impl Fn(usize, usize, T) -> T, gradient: &mut [T]) {
-        self.back_through_open(weights, seed, gradient);
-        self.passes.finish(gradient);
-    }
-
-    fn back_through_open(&mut self, weights: &[T], seed: impl Fn(usize, usize, T) -> T, gradient: &mut [T]) {
+    /// After [`Loop::Open`]: adds to `gradient` the derivative by every weight of a sum over all steps, `seed(t, n, a)` being
+    /// its derivative by the acceleration a that led to step `t` of event `n`.
+    pub fn backward_open_sum(&mut self, network: &Network<T>, seed: impl Fn(usize, usize, T) -> T, gradient: &mut [T]) {
         let limit = T::of(f64::from(self.shape.accel_limit_mps2));
         for t in (0..self.passes.steps()).rev() {
             self.outputs.clear();
@@ -289,21 +282,17 @@ impl<T: Real> Drive<T> {
                 let u = self.squashed[(t + 1) * self.events + n];
                 self.outputs.push(seed(t + 1, n, limit * u) * limit * (T::one() - u * u));
             }
-            self.passes.backward(weights, t, &self.outputs, gradient);
+            self.passes.backward(network, t, &self.outputs, gradient);
         }
+        self.passes.finish(gradient);
     }
+}
 
-    /// The passes over windows.
-    ///
-    /// # Panics
-    /// When the network carries one state: then there are none.
-    #[must_use]
-    pub fn windows(&self) -> &Overlap<T> {
-        match &self.passes {
-            Passes::Windows(overlap) => overlap,
-            Passes::Carried(_) => panic!("a carried state has no windows"),
-        }
-    }
+/// What the network sees of step `t` of an event as recorded; for networks that see no more of it than that.
+pub(super) fn recorded_sight<T: Real>(event: &Event, t: usize) -> Sight<T> {
+    let (speed, spacing) = recorded(event, t);
+    let leader = T::of(event.leader_speed_mps()[t].into());
+    Sight { speed, leader, spacing, earlier: (speed, leader), elapsed_s: T::zero() }
 }
 
 /// Follower speed and spacing as recorded.

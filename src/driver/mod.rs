@@ -3,6 +3,7 @@
 mod crew;
 mod drive;
 mod features;
+mod own;
 mod scaling;
 mod sequence;
 mod serve;
@@ -17,6 +18,7 @@ mod tests;
 pub use crew::Crew;
 pub use drive::{Drive, Loop, TrajectoryGradient};
 pub use features::Features;
+pub use own::OwnGradients;
 pub use scaling::{MotionScaling, Scaling};
 pub use sequence::Sequence;
 pub use serve::{Driver, DriverBuffers, Seen, Window};

@@ -1,10 +1,11 @@
 //! The gradient against central differences, serving against driving.
 
 use super::{
-    Crew, Drive, Driver, DriverShape, Features, Loop, Memory, MotionScaling, Scaling, TrajectoryGradient, Window,
+    Crew, Drive, Driver, DriverShape, Features, Loop, Memory, MotionScaling, OwnGradients, Scaling, TrajectoryGradient,
+    Window,
 };
 use crate::car_following::Event;
-use crate::lstm::{INPUTS, Layout, Magnitude, initial_weights};
+use crate::lstm::{INPUTS, Layout, Magnitude, Network, initial_weights};
 use crate::safety::Envelope;
 
 const SHAPE: DriverShape = DriverShape { hidden: 5, horizon: 4, accel_limit_mps2: 2.0, ..DriverShape::PAPER };
@@ -74,14 +75,14 @@ fn the_open_loop_gradient_along_a_carried_state_agrees_with_central_differences(
     let mut drive = Drive::<f64>::new(CARRIED);
     let mut weights = weights_of(CARRIED);
     let weight = |t: usize, n: usize| 1.0 + 0.3 * t as f64 - n as f64;
-    drive.forward(&weights, &CARRIED_SCALING, &events, Loop::Open);
+    drive.forward(&Network::new(CARRIED.layout(), &weights), &CARRIED_SCALING, &events, Loop::Open);
     let mut gradient = vec![0.0; weights.len()];
-    drive.backward_open_sum(&weights, |t, n, _| weight(t, n), &mut gradient);
+    drive.backward_open_sum(&Network::new(CARRIED.layout(), &weights), |t, n, _| weight(t, n), &mut gradient);
     for i in 0..weights.len() {
         let (kept, h) = (weights[i], 1e-5);
         let mut at = |w: f64| {
             weights[i] = w;
-            drive.forward(&weights, &CARRIED_SCALING, &events, Loop::Open);
+            drive.forward(&Network::new(CARRIED.layout(), &weights), &CARRIED_SCALING, &events, Loop::Open);
             let of = |n: usize| (CARRIED.horizon..events[n].steps()).map(move |t| (t, n));
             of(0).chain(of(1)).map(|(t, n)| weight(t, n) * drive.accel_mps2(t, n)).sum::<f64>()
         };
@@ -96,17 +97,17 @@ fn agrees_with_central_differences(shape: DriverShape, scaling: &Scaling) {
     let events = [&long, &short, &shortest];
     let mut drive = Drive::<f64>::new(shape);
     let mut weights = weights_of(shape);
-    drive.forward(&weights, scaling, &events, Loop::Closed);
+    drive.forward(&Network::new(shape.layout(), &weights), scaling, &events, Loop::Closed);
     let saturated = (SHAPE.horizon..23).filter(|&t| drive.accel_mps2(t, 0).abs() > 0.95 * 2.0).count();
     assert!(saturated > 0, "the case is meant to be hard");
     let (_, by) = scalar(&drive, &events);
     let mut gradient = vec![0.0; weights.len()];
-    drive.backward(&weights, scaling, &by, &mut gradient);
+    drive.backward(&Network::new(shape.layout(), &weights), scaling, &by, &mut gradient);
     for i in 0..weights.len() {
         let (kept, h) = (weights[i], 1e-5);
         let mut at = |w: f64| {
             weights[i] = w;
-            drive.forward(&weights, scaling, &events, Loop::Closed);
+            drive.forward(&Network::new(shape.layout(), &weights), scaling, &events, Loop::Closed);
             scalar(&drive, &events).0
         };
         let central = (at(kept + h) - at(kept - h)) / (2.0 * h);
@@ -126,13 +127,17 @@ fn every_windows_own_gradient_is_squared_before_it_is_summed() {
     let events = [&long, &short];
     let mut drive = Drive::<f64>::new(SHAPE);
     let mut weights = weights();
-    drive.forward(&weights, &SCALING, &events, Loop::Open);
-    drive.backward_open(&weights, |_, _, accel| 2.0 * accel);
-    let (mut squares, mut absolutes) = (vec![0.0; weights.len()], vec![0.0; weights.len()]);
-    drive.windows().add_magnitudes(Magnitude::Square, &mut squares);
-    drive.windows().add_magnitudes(Magnitude::Absolute, &mut absolutes);
+    let magnitudes = |magnitude| {
+        let (mut own, mut sums) = (OwnGradients::new(SHAPE), vec![0.0; weights.len()]);
+        for event in events {
+            let by_accel = |_, accel: f64| 2.0 * accel;
+            own.add(&Network::new(SHAPE.layout(), &weights), &SCALING, event, magnitude, by_accel, &mut sums);
+        }
+        sums
+    };
+    let (squares, absolutes) = (magnitudes(Magnitude::Square), magnitudes(Magnitude::Absolute));
     let outputs = |weights: &[f64], drive: &mut Drive<f64>| -> Vec<f64> {
-        drive.forward(weights, &SCALING, &events, Loop::Open);
+        drive.forward(&Network::new(SHAPE.layout(), weights), &SCALING, &events, Loop::Open);
         let of = |n: usize| (SHAPE.horizon..events[n].steps()).map(move |t| (t, n));
         of(0).chain(of(1)).map(|(t, n)| drive.accel_mps2(t, n).powi(2)).collect()
     };
@@ -159,7 +164,7 @@ fn results_do_not_depend_on_the_number_of_threads() {
         let workers = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         let mut ends = Vec::new();
         let drive = |drive: &mut Drive<f32>, piece: &[&Event]| {
-            drive.forward(&weights, &SCALING, piece, Loop::Closed);
+            drive.forward(&Network::new(SHAPE.layout(), &weights), &SCALING, piece, Loop::Closed);
             (0..piece.len()).map(|n| drive.spacing_m(piece[n].steps() - 1, n)).collect::<Vec<_>>()
         };
         Crew::new(SHAPE, &workers).each(&borrowed, drive, |of_piece| ends.push(of_piece));
@@ -200,7 +205,7 @@ fn serving_answers_what_driving_computes(shape: DriverShape, scaling: Scaling) {
     let weights: Vec<f32> = weights_of(shape).into_iter().map(|w| w as f32).collect();
     let driver = Driver::new(shape, scaling, weights.clone()).unwrap();
     let mut drive = Drive::<f32>::new(shape);
-    drive.forward(&weights, &scaling, &[&event], Loop::Closed);
+    drive.forward(&Network::new(shape.layout(), &weights), &scaling, &[&event], Loop::Closed);
     let simulation = driver.simulate(&window(&event, 0), &event.leader_speed_mps()[SHAPE.horizon..], None);
     assert_eq!((simulation.differing_steps, drive.acted_steps(0), drive.held_steps(0)), (0, 0, 0));
     for t in SHAPE.horizon..30 {
@@ -226,7 +231,7 @@ fn a_bounded_drive_is_what_is_served_and_never_touches_the_leader() {
     assert!(bounded.differing_steps > 0);
     let mut drive = Drive::<f32>::new(SHAPE);
     drive.bound(envelope);
-    drive.forward(&weights, &SCALING, &[&event], Loop::Closed);
+    drive.forward(&Network::new(SHAPE.layout(), &weights), &SCALING, &[&event], Loop::Closed);
     assert_eq!((drive.acted_steps(0) + drive.held_steps(0)) as usize, bounded.differing_steps);
     for t in SHAPE.horizon..40 {
         assert!((bounded.spacing_m[t - SHAPE.horizon] - drive.spacing_m(t, 0)).abs() < 1e-3);

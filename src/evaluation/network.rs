@@ -5,6 +5,7 @@ use rayon::ThreadPool;
 use super::Errors;
 use crate::car_following::Event;
 use crate::driver::{Crew, Drive, DriverShape, Loop, Scaling};
+use crate::lstm::Network;
 use crate::safety::{Envelope, Trajectory};
 
 /// Drives every event closed loop with these weights; events no longer than the horizon are left out.
@@ -29,8 +30,9 @@ pub fn drive_all(
     events: &[&Event],
 ) -> Errors {
     let mut total = Errors::default();
+    let network = Network::new(crew.shape().layout(), weights);
     let part = |drive: &mut Drive<f32>, piece: &[&Event]| {
-        drive.forward(weights, scaling, piece, Loop::Closed);
+        drive.forward(&network, scaling, piece, Loop::Closed);
         errors(drive, horizon, piece)
     };
     crew.each(events, part, |part| total += part);
@@ -59,9 +61,10 @@ pub fn evaluate_served(
 ) -> ServedErrors {
     let long_enough: Vec<_> = events.iter().filter(|event| event.steps() > shape.horizon).collect();
     let mut total = ServedErrors::default();
+    let network = Network::new(shape.layout(), weights);
     let part = |drive: &mut Drive<f32>, piece: &[&Event]| {
         drive.bound(Some(Envelope::new(shape.dt_s)));
-        drive.forward(weights, scaling, piece, Loop::Closed);
+        drive.forward(&network, scaling, piece, Loop::Closed);
         let steps = |of: fn(&Drive<f32>, usize) -> u32| (0..piece.len()).map(|n| u64::from(of(drive, n))).sum();
         ServedErrors {
             errors: errors(drive, shape.horizon, piece),
@@ -94,9 +97,10 @@ pub fn drive_events(
     let mut order: Vec<usize> = (0..events.len()).collect();
     order.sort_by_key(|&i| std::cmp::Reverse(events[i].steps()));
     let sorted: Vec<&Event> = order.iter().map(|&i| &events[i]).collect();
+    let network = Network::new(shape.layout(), weights);
     let part = |drive: &mut Drive<f32>, piece: &[&Event]| {
         drive.bound(envelope);
-        drive.forward(weights, scaling, piece, Loop::Closed);
+        drive.forward(&network, scaling, piece, Loop::Closed);
         (0..piece.len()).map(|n| driven(drive, n)).collect::<Vec<_>>()
     };
     let (mut drives, mut next) = (vec![Trajectory::default(); events.len()], order.into_iter());

@@ -1,8 +1,9 @@
 //! Forward and backward along some events with one state each, from their first step to their last.
 
 use super::buffer::grow;
+use super::gates::{First, FirstBackward, Later, LaterBackward};
 use super::product::{columns, product, rows};
-use super::{Layout, Real, gates, vectorised};
+use super::{Layout, Network, Real};
 
 /// Activations of every step of some events, and the passes over them. Buffers are kept for the next set of events.
 ///
@@ -17,13 +18,16 @@ pub struct Carried<T> {
     /// Prefix sums of `alive`.
     row: Vec<usize>,
     inputs: Vec<T>,
-    /// Gates, later the derivatives by their pre-activations.
+    /// Gates.
     z: Vec<T>,
+    /// Derivatives by their pre-activations.
+    dz: Vec<T>,
     /// States after each step.
     h: Vec<T>,
     c: Vec<T>,
     dh: Vec<T>,
     dc: Vec<T>,
+    dh_before: Vec<T>,
     dc_before: Vec<T>,
     /// Where the gates' backward pass sums what windows that share an input would; here nothing is shared, or read.
     dz_sum: Vec<T>,
@@ -44,10 +48,12 @@ impl<T: Real> Carried<T> {
             row: Vec::new(),
             inputs: empty(),
             z: empty(),
+            dz: empty(),
             h: empty(),
             c: empty(),
             dh: empty(),
             dc: empty(),
+            dh_before: empty(),
             dc_before: empty(),
             dz_sum: empty(),
             outputs: empty(),
@@ -77,10 +83,11 @@ impl<T: Real> Carried<T> {
         let (hidden, gates) = (self.layout.hidden, self.layout.gates());
         grow(&mut self.inputs, rows * self.layout.inputs);
         grow(&mut self.z, rows * gates);
+        grow(&mut self.dz, rows * gates);
         grow(&mut self.h, rows * hidden);
         grow(&mut self.c, rows * hidden);
         let most = self.alive.first().copied().unwrap_or(0);
-        for buffer in [&mut self.dh, &mut self.dc, &mut self.dc_before] {
+        for buffer in [&mut self.dh, &mut self.dc, &mut self.dh_before, &mut self.dc_before] {
             grow(buffer, most * hidden);
             buffer.fill(T::zero());
         }
@@ -111,8 +118,9 @@ impl<T: Real> Carried<T> {
     ///
     /// # Panics
     /// When the number of inputs does not fit.
-    pub fn forward(&mut self, weights: &[T], t: usize, inputs: &[T]) -> &[T] {
+    pub fn forward(&mut self, network: &Network<T>, t: usize, inputs: &[T]) -> &[T] {
         let (layout, hidden, gates) = (self.layout, self.layout.hidden, self.layout.gates());
+        let weights = network.weights();
         let alive = self.alive[t];
         assert_eq!(inputs.len(), alive * layout.inputs);
         let from = self.row[t];
@@ -127,27 +135,14 @@ impl<T: Real> Carried<T> {
         let (h_before, h) = self.h.split_at_mut(from * hidden);
         let (c_before, c) = self.c.split_at_mut(from * hidden);
         let z = &mut self.z[from * gates..][..alive * gates];
-        if t > 0 {
-            let recurrent = rows(&weights[layout.recurrent()], gates, hidden);
-            let h_before = &h_before[before * hidden..][..alive * hidden];
-            product(z, 0.0, &recurrent, &columns(h_before, hidden, alive));
+        let (p, width) = (&self.projected[..alive * gates], before * hidden);
+        let (c, h) = (&mut c[..alive * hidden], &mut h[..alive * hidden]);
+        if t == 0 {
+            T::run(First { hidden, p, z, c, h });
+        } else {
+            network.forward.multiply(&h_before[width..][..alive * hidden], z);
+            T::run(Later { hidden, p, z, before: &c_before[width..][..alive * hidden], c, h });
         }
-        let projected = &self.projected[..alive * gates];
-        vectorised(
-            #[inline(always)]
-            || {
-                let row = |n: usize, width: usize| n * width..(n + 1) * width;
-                for n in 0..alive {
-                    let (z, p) = (&mut z[row(n, gates)], &projected[row(n, gates)]);
-                    let (c, h) = (&mut c[row(n, hidden)], &mut h[row(n, hidden)]);
-                    if t == 0 {
-                        gates::first(z, p, c, h);
-                    } else {
-                        gates::later(z, p, &c_before[before * hidden..][row(n, hidden)], c, h);
-                    }
-                }
-            },
-        );
         self.head(weights, t)
     }
 
@@ -165,13 +160,14 @@ impl<T: Real> Carried<T> {
     ///
     /// # Panics
     /// When the number of derivatives does not fit.
-    pub fn backward(&mut self, weights: &[T], t: usize, dy: &[T], gradient: &mut [T]) -> &[T] {
+    pub fn backward(&mut self, network: &Network<T>, t: usize, dy: &[T], gradient: &mut [T]) -> &[T] {
         assert_eq!(dy.len(), self.answering(t));
+        let weights = network.weights();
         self.head_backward(weights, t, dy, gradient);
-        self.gates_backward(t);
-        let (layout, hidden, gates) = (self.layout, self.layout.hidden, self.layout.gates());
+        self.gates_backward(network, t);
+        let (layout, gates) = (self.layout, self.layout.gates());
         let (from, alive) = (self.row[t], self.alive[t]);
-        let dz = &self.z[from * gates..][..alive * gates];
+        let dz = &self.dz[from * gates..][..alive * gates];
         for row in dz.chunks_exact(gates) {
             for (db, dz) in gradient[layout.bias()].iter_mut().zip(row) {
                 *db += *dz;
@@ -180,10 +176,7 @@ impl<T: Real> Carried<T> {
         self.dx.resize(alive * layout.inputs, T::zero());
         let transposed = columns(&weights[layout.input()], layout.inputs, gates);
         product(&mut self.dx, 0.0, &transposed, &columns(dz, gates, alive));
-        if t > 0 {
-            let transposed = columns(&weights[layout.recurrent()], hidden, gates);
-            product(&mut self.dh[..alive * hidden], 0.0, &transposed, &columns(dz, gates, alive));
-        }
+        std::mem::swap(&mut self.dh, &mut self.dh_before);
         std::mem::swap(&mut self.dc, &mut self.dc_before);
         &self.dx
     }
@@ -210,37 +203,26 @@ impl<T: Real> Carried<T> {
         }
     }
 
-    fn gates_backward(&mut self, t: usize) {
+    /// From the derivatives by the states after the step to those by its gates and by the states before it.
+    fn gates_backward(&mut self, network: &Network<T>, t: usize) {
         let (hidden, gates) = (self.layout.hidden, self.layout.gates());
         let (from, alive) = (self.row[t], self.alive[t]);
         let before = if t > 0 { self.row[t - 1] } else { 0 };
-        let z = &mut self.z[from * gates..][..alive * gates];
+        let z = &self.z[from * gates..][..alive * gates];
         let (c_before, c) = self.c.split_at(from * hidden);
-        let Self { dh, dc, dc_before, dz_sum, .. } = self;
-        vectorised(
-            #[inline(always)]
-            || {
-                let row = |n: usize, width: usize| n * width..(n + 1) * width;
-                for n in 0..alive {
-                    let (z, c, at) = (&mut z[row(n, gates)], &c[row(n, hidden)], row(n, hidden));
-                    let sum = &mut dz_sum[row(n, gates)];
-                    if t == 0 {
-                        gates::first_backward(z, c, &dh[at.clone()], &dc[at], sum);
-                    } else {
-                        let c_before = &c_before[before * hidden..][row(n, hidden)];
-                        gates::later_backward(
-                            z,
-                            c,
-                            c_before,
-                            &dh[at.clone()],
-                            &dc[at.clone()],
-                            &mut dc_before[at],
-                            sum,
-                        );
-                    }
-                }
-            },
-        );
+        let Self { dz, dh, dc, dh_before, dc_before, dz_sum, .. } = self;
+        let dz = &mut dz[from * gates..][..alive * gates];
+        let states = alive * hidden;
+        let (c, dh, dc) = (&c[..states], &dh[..states], &dc[..states]);
+        if t == 0 {
+            dz.fill(T::zero());
+            T::run(FirstBackward { hidden, z, c, dh, dc, sum: dz });
+        } else {
+            let before = &c_before[before * hidden..][..states];
+            let (dc_before, sum) = (&mut dc_before[..states], &mut dz_sum[..alive * gates]);
+            T::run(LaterBackward { hidden, z, c, before, dh, dc, dz, dc_before, sum });
+            network.backward.multiply(dz, &mut dh_before[..states]);
+        }
     }
 
     /// The input and recurrent weights' gradients, in as few long products as the events' lengths allow:
@@ -248,7 +230,7 @@ impl<T: Real> Carried<T> {
     pub fn finish(&mut self, gradient: &mut [T]) {
         let (layout, hidden, gates) = (self.layout, self.layout.hidden, self.layout.gates());
         let all = self.row[self.steps()];
-        let dz = |from: usize, count: usize| rows(&self.z[from * gates..][..count * gates], count, gates);
+        let dz = |from: usize, count: usize| rows(&self.dz[from * gates..][..count * gates], count, gates);
         let inputs = columns(&self.inputs[..all * layout.inputs], layout.inputs, all);
         product(&mut gradient[layout.input()], 1.0, &inputs, &dz(0, all));
         let recurrent = &mut gradient[layout.recurrent()];

@@ -8,16 +8,25 @@ pub fn vectorised<R>(op: impl FnOnce() -> R) -> R {
     Arch::new().dispatch(op)
 }
 
+/// Whether this machine has 32 vector registers of 64 bytes.
+#[inline(always)]
+pub(super) fn wide_registers() -> bool {
+    #[cfg(target_arch = "x86_64")]
+    return matches!(Arch::new(), Arch::V4(_));
+    #[cfg(not(target_arch = "x86_64"))]
+    false
+}
+
 /// Name of the arithmetic, stored with every version: bits are equal for the same build and name.
 #[must_use]
 pub fn kernel_name() -> &'static str {
     match Arch::new() {
         #[cfg(target_arch = "x86_64")]
-        Arch::V4(_) => "overlap-avx512",
+        Arch::V4(_) => "packed-avx512",
         #[cfg(target_arch = "x86_64")]
-        Arch::V3(_) => "overlap-avx2",
+        Arch::V3(_) => "packed-avx2",
         #[cfg(target_arch = "aarch64")]
-        Arch::Neon(_) => "overlap-neon",
-        _ => "overlap-portable",
+        Arch::Neon(_) => "packed-neon",
+        _ => "packed-portable",
     }
 }

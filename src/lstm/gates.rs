@@ -1,120 +1,235 @@
-//! One row of the cell: gates, state and their derivatives. Everything here runs inside a vectorised loop.
+//! The cell: gates, state and their derivatives, for any width of vector.
 
 use super::Real;
+use super::lanes::{Kernel, Lanes, Units, each_unit};
 
-/// Slices of the four gates of one row, in torch's order.
-macro_rules! gates {
-    ($row:expr, $hidden:expr) => {{
-        let (i, rest) = $row.split_at($hidden);
-        let (f, rest) = rest.split_at($hidden);
-        let (g, o) = rest.split_at($hidden);
-        (i, f, g, &o[..$hidden])
-    }};
-    (mut $row:expr, $hidden:expr) => {{
-        let (i, rest) = $row.split_at_mut($hidden);
-        let (f, rest) = rest.split_at_mut($hidden);
-        let (g, o) = rest.split_at_mut($hidden);
-        (i, f, g, &mut o[..$hidden])
-    }};
+/// The four gates of one or more units, in torch's order: input, forget, cell, output.
+type Gates<V> = [V; 4];
+
+/// The gates and the state (cell, hidden) after the first step of a window, which starts from a zero state:
+/// `i, f, o = σ(p)`, `g = tanh(p)`, `c = i·g`, `h = o·tanh(c)`, p the projected input.
+#[inline(always)]
+pub(super) fn begin<L: Lanes>(l: L, p: Gates<L::Value>) -> (Gates<L::Value>, L::Value, L::Value) {
+    let [i, f, g, o] = L::Number::gates(l, p);
+    let c = l.mul(i, g);
+    ([i, f, g, o], c, l.mul(o, l.tanh(c)))
 }
 
-/// The first step of a window, which starts from a zero state: `z` is only written.
-///
-/// `i, f, o = σ(p)`, `g = tanh(p)`, `c = i·g`, `h = o·tanh(c)`, p the row's projected input, gates left in `z`.
+/// The gates and the state after a later step: `i, f, o = σ(z + p)`, `g = tanh(z + p)`, `c = f·c' + i·g`, z the recurrent product,
+/// c' the cell `before`.
 #[inline(always)]
-pub(super) fn first<T: Real>(z: &mut [T], p: &[T], c: &mut [T], h: &mut [T]) {
-    let n = c.len();
-    let (zi, zf, zg, zo) = gates!(mut z, n);
-    let (pi, pf, pg, po) = gates!(p, n);
-    let h = &mut h[..n];
-    for j in 0..n {
-        let (i, g, o) = (pi[j].fast_sigmoid(), pg[j].fast_tanh(), po[j].fast_sigmoid());
-        zi[j] = i;
-        zf[j] = pf[j].fast_sigmoid();
-        zg[j] = g;
-        zo[j] = o;
-        c[j] = i * g;
-        h[j] = o * c[j].fast_tanh();
+pub(super) fn go_on<L: Lanes>(
+    l: L,
+    z: Gates<L::Value>,
+    p: Gates<L::Value>,
+    before: L::Value,
+) -> (Gates<L::Value>, L::Value, L::Value) {
+    let [i, f, g, o] = L::Number::gates(
+        l,
+        std::array::from_fn(
+            #[inline(always)]
+            |gate| l.add(z[gate], p[gate]),
+        ),
+    );
+    let c = l.fma(f, before, l.mul(i, g));
+    ([i, f, g, o], c, l.mul(o, l.tanh(c)))
+}
+
+/// The derivatives by the gates' pre-activations, and by the cell itself, from those by the state after the step; `before` is
+/// the cell before it, which the forget gate multiplies.
+#[inline(always)]
+fn back<L: Lanes>(
+    l: L,
+    [i, f, g, o]: Gates<L::Value>,
+    (c, before): (L::Value, L::Value),
+    (dh, dc): (L::Value, L::Value),
+) -> (Gates<L::Value>, L::Value) {
+    let one = l.splat(L::Number::of(1.0));
+    let slope = |sigmoid| l.mul(sigmoid, l.sub(one, sigmoid));
+    let tanh_c = l.tanh(c);
+    let dc = l.fma(l.mul(dh, o), l.sub(one, l.mul(tanh_c, tanh_c)), dc);
+    let di = l.mul(l.mul(dc, g), slope(i));
+    let df = l.mul(l.mul(dc, before), slope(f));
+    let dg = l.mul(l.mul(dc, i), l.sub(one, l.mul(g, g)));
+    let do_ = l.mul(l.mul(dh, tanh_c), slope(o));
+    ([di, df, dg, do_], dc)
+}
+
+/// The gates of a row's unit.
+#[inline(always)]
+fn load<L: Lanes>(l: L, rows: &[L::Number], row: usize, hidden: usize, unit: usize) -> Gates<L::Value> {
+    let row = &rows[4 * row * hidden..][..4 * hidden];
+    std::array::from_fn(
+        #[inline(always)]
+        |gate| l.load(&row[gate * hidden + unit..]),
+    )
+}
+
+#[inline(always)]
+fn store<L: Lanes>(l: L, rows: &mut [L::Number], row: usize, hidden: usize, unit: usize, gates: Gates<L::Value>) {
+    let row = &mut rows[4 * row * hidden..][..4 * hidden];
+    for (gate, value) in gates.into_iter().enumerate() {
+        l.store(&mut row[gate * hidden + unit..], value);
     }
 }
 
-/// A later step: `z` holds the recurrent product and gets the gates; `c = f·c' + i·g`, c' the state `before`.
 #[inline(always)]
-pub(super) fn later<T: Real>(z: &mut [T], p: &[T], before: &[T], c: &mut [T], h: &mut [T]) {
-    let n = c.len();
-    let (zi, zf, zg, zo) = gates!(mut z, n);
-    let (pi, pf, pg, po) = gates!(p, n);
-    let (before, h) = (&before[..n], &mut h[..n]);
-    for j in 0..n {
-        let i = (zi[j] + pi[j]).fast_sigmoid();
-        let f = (zf[j] + pf[j]).fast_sigmoid();
-        let g = (zg[j] + pg[j]).fast_tanh();
-        let o = (zo[j] + po[j]).fast_sigmoid();
-        zi[j] = i;
-        zf[j] = f;
-        zg[j] = g;
-        zo[j] = o;
-        c[j] = f.fma(before[j], i * g);
-        h[j] = o * c[j].fast_tanh();
+fn add<L: Lanes>(l: L, rows: &mut [L::Number], row: usize, hidden: usize, unit: usize, by: Gates<L::Value>) {
+    let sums = load(l, rows, row, hidden, unit);
+    let sums = std::array::from_fn(
+        #[inline(always)]
+        |gate| l.add(sums[gate], by[gate]),
+    );
+    store(l, rows, row, hidden, unit, sums);
+}
+
+/// First steps of some rows: `z` is only written.
+#[derive(Debug)]
+pub(super) struct First<'a, T> {
+    pub(super) hidden: usize,
+    /// Projected inputs.
+    pub(super) p: &'a [T],
+    /// Takes the gates.
+    pub(super) z: &'a mut [T],
+    pub(super) c: &'a mut [T],
+    pub(super) h: &'a mut [T],
+}
+
+impl<T: Real> Kernel<T> for First<'_, T> {
+    #[inline(always)]
+    fn run<L: Lanes<Number = T>>(self, lanes: L) {
+        each_unit(self, lanes);
     }
 }
 
-/// Backward through [`first`]: gates in `z` become their pre-activations' derivatives, which `sum` also gathers.
-#[inline(always)]
-pub(super) fn first_backward<T: Real>(z: &mut [T], c: &[T], dh: &[T], dc: &[T], sum: &mut [T]) {
-    let n = c.len();
-    let (zi, zf, zg, zo) = gates!(mut z, n);
-    let (si, sf, sg, so) = gates!(mut sum, n);
-    let (dh, dc) = (&dh[..n], &dc[..n]);
-    let _ = sf; // The forget gate has nothing to forget: its derivative is 0.
-    for j in 0..n {
-        let (i, g, o) = (zi[j], zg[j], zo[j]);
-        let tanh_c = c[j].fast_tanh();
-        let dc = (dh[j] * o).fma(T::one() - tanh_c * tanh_c, dc[j]);
-        let di = dc * g * i * (T::one() - i);
-        let dg = dc * i * (T::one() - g * g);
-        let do_ = dh[j] * tanh_c * o * (T::one() - o);
-        zi[j] = di;
-        zf[j] = T::zero();
-        zg[j] = dg;
-        zo[j] = do_;
-        si[j] += di;
-        sg[j] += dg;
-        so[j] += do_;
+impl<T: Real> Units<T> for First<'_, T> {
+    #[inline(always)]
+    fn size(&self) -> (usize, usize) {
+        (self.c.len() / self.hidden, self.hidden)
+    }
+
+    #[inline(always)]
+    fn unit<L: Lanes<Number = T>>(&mut self, l: L, row: usize, unit: usize) {
+        let (hidden, at) = (self.hidden, row * self.hidden + unit);
+        let (gates, c, h) = begin(l, load(l, self.p, row, hidden, unit));
+        store(l, self.z, row, hidden, unit, gates);
+        l.store(&mut self.c[at..], c);
+        l.store(&mut self.h[at..], h);
     }
 }
 
-/// Backward through [`later`]: likewise, and `dc` becomes the derivative by the state `before`.
-#[inline(always)]
-pub(super) fn later_backward<T: Real>(
-    z: &mut [T],
-    c: &[T],
-    before: &[T],
-    dh: &[T],
-    dc: &[T],
-    dc_before: &mut [T],
-    sum: &mut [T],
-) {
-    let n = c.len();
-    let (zi, zf, zg, zo) = gates!(mut z, n);
-    let (si, sf, sg, so) = gates!(mut sum, n);
-    let (before, dh, dc, dc_before) = (&before[..n], &dh[..n], &dc[..n], &mut dc_before[..n]);
-    for j in 0..n {
-        let (i, f, g, o) = (zi[j], zf[j], zg[j], zo[j]);
-        let tanh_c = c[j].fast_tanh();
-        let dc = (dh[j] * o).fma(T::one() - tanh_c * tanh_c, dc[j]);
-        let di = dc * g * i * (T::one() - i);
-        let df = dc * before[j] * f * (T::one() - f);
-        let dg = dc * i * (T::one() - g * g);
-        let do_ = dh[j] * tanh_c * o * (T::one() - o);
-        dc_before[j] = dc * f;
-        zi[j] = di;
-        zf[j] = df;
-        zg[j] = dg;
-        zo[j] = do_;
-        si[j] += di;
-        sf[j] += df;
-        sg[j] += dg;
-        so[j] += do_;
+/// Later steps of some rows: `z` holds the recurrent products and gets the gates.
+#[derive(Debug)]
+pub(super) struct Later<'a, T> {
+    pub(super) hidden: usize,
+    /// Projected inputs.
+    pub(super) p: &'a [T],
+    pub(super) z: &'a mut [T],
+    /// Cells before the step.
+    pub(super) before: &'a [T],
+    pub(super) c: &'a mut [T],
+    pub(super) h: &'a mut [T],
+}
+
+impl<T: Real> Kernel<T> for Later<'_, T> {
+    #[inline(always)]
+    fn run<L: Lanes<Number = T>>(self, lanes: L) {
+        each_unit(self, lanes);
+    }
+}
+
+impl<T: Real> Units<T> for Later<'_, T> {
+    #[inline(always)]
+    fn size(&self) -> (usize, usize) {
+        (self.c.len() / self.hidden, self.hidden)
+    }
+
+    #[inline(always)]
+    fn unit<L: Lanes<Number = T>>(&mut self, l: L, row: usize, unit: usize) {
+        let (hidden, at) = (self.hidden, row * self.hidden + unit);
+        let (z, p) = (load(l, self.z, row, hidden, unit), load(l, self.p, row, hidden, unit));
+        let (gates, c, h) = go_on(l, z, p, l.load(&self.before[at..]));
+        store(l, self.z, row, hidden, unit, gates);
+        l.store(&mut self.c[at..], c);
+        l.store(&mut self.h[at..], h);
+    }
+}
+
+/// Backward through first steps of some rows: adds the derivatives by the gates' pre-activations to `sum`. The forget gate had
+/// nothing to forget.
+#[derive(Debug)]
+pub(super) struct FirstBackward<'a, T> {
+    pub(super) hidden: usize,
+    /// Gates.
+    pub(super) z: &'a [T],
+    /// Cells after the step.
+    pub(super) c: &'a [T],
+    pub(super) dh: &'a [T],
+    pub(super) dc: &'a [T],
+    pub(super) sum: &'a mut [T],
+}
+
+impl<T: Real> Kernel<T> for FirstBackward<'_, T> {
+    #[inline(always)]
+    fn run<L: Lanes<Number = T>>(self, lanes: L) {
+        each_unit(self, lanes);
+    }
+}
+
+impl<T: Real> Units<T> for FirstBackward<'_, T> {
+    #[inline(always)]
+    fn size(&self) -> (usize, usize) {
+        (self.c.len() / self.hidden, self.hidden)
+    }
+
+    #[inline(always)]
+    fn unit<L: Lanes<Number = T>>(&mut self, l: L, row: usize, unit: usize) {
+        let (hidden, at) = (self.hidden, row * self.hidden + unit);
+        let cells = (l.load(&self.c[at..]), l.splat(T::zero()));
+        let by_state = (l.load(&self.dh[at..]), l.load(&self.dc[at..]));
+        let (by, _) = back(l, load(l, self.z, row, hidden, unit), cells, by_state);
+        add(l, self.sum, row, hidden, unit, by);
+    }
+}
+
+/// Backward through later steps of some rows: writes the derivatives by the gates' pre-activations to `dz`, adds them to
+/// `sum`, and writes those by the cells before the step.
+#[derive(Debug)]
+pub(super) struct LaterBackward<'a, T> {
+    pub(super) hidden: usize,
+    /// Gates.
+    pub(super) z: &'a [T],
+    /// Cells after the step, and before it.
+    pub(super) c: &'a [T],
+    pub(super) before: &'a [T],
+    pub(super) dh: &'a [T],
+    pub(super) dc: &'a [T],
+    pub(super) dz: &'a mut [T],
+    pub(super) dc_before: &'a mut [T],
+    pub(super) sum: &'a mut [T],
+}
+
+impl<T: Real> Kernel<T> for LaterBackward<'_, T> {
+    #[inline(always)]
+    fn run<L: Lanes<Number = T>>(self, lanes: L) {
+        each_unit(self, lanes);
+    }
+}
+
+impl<T: Real> Units<T> for LaterBackward<'_, T> {
+    #[inline(always)]
+    fn size(&self) -> (usize, usize) {
+        (self.c.len() / self.hidden, self.hidden)
+    }
+
+    #[inline(always)]
+    fn unit<L: Lanes<Number = T>>(&mut self, l: L, row: usize, unit: usize) {
+        let (hidden, at) = (self.hidden, row * self.hidden + unit);
+        let gates = load(l, self.z, row, hidden, unit);
+        let cells = (l.load(&self.c[at..]), l.load(&self.before[at..]));
+        let (by, dc) = back(l, gates, cells, (l.load(&self.dh[at..]), l.load(&self.dc[at..])));
+        l.store(&mut self.dc_before[at..], l.mul(dc, gates[1]));
+        store(l, self.dz, row, hidden, unit, by);
+        add(l, self.sum, row, hidden, unit, by);
     }
 }

@@ -1,32 +1,34 @@
 //! Forward and backward through all windows of some events, the overlapping ones of a step together.
 
 use super::buffer::grow;
+use super::gates::{First, FirstBackward, Later, LaterBackward};
+use super::lanes::{Kernel, Lanes, Units, each_unit};
 use super::plan::Plan;
 use super::product::{columns, product, rows};
-use super::{INPUTS, Layout, Real, gates, vectorised};
+use super::{INPUTS, Layout, Network, Real};
 
 /// Activations of all windows of some events, and the passes over them. Buffers are kept for the next set of events.
 ///
-/// Use: [`Overlap::begin`], then [`Overlap::forward`] for each step in order, then [`Overlap::backward`] for each in reverse,
-/// then [`Overlap::finish`].
+/// Use: [`Overlap::begin`], then [`Overlap::forward`] for each step in order, then [`Overlap::backward`] for each in reverse, then
+/// [`Overlap::finish`].
 #[derive(Debug)]
 pub struct Overlap<T> {
-    pub(super) layout: Layout,
-    pub(super) plan: Plan,
+    layout: Layout,
+    plan: Plan,
     /// Inputs of every step, `events(t)` × 4 each.
-    pub(super) inputs: Vec<T>,
-    pub(super) input_row: Vec<usize>,
-    /// Gates, later their derivatives: of first steps and of later ones.
-    pub(super) first_z: Vec<T>,
-    pub(super) carried_z: Vec<T>,
+    inputs: Vec<T>,
+    input_row: Vec<usize>,
+    /// Gates of first steps and of later ones.
+    first_z: Vec<T>,
+    carried_z: Vec<T>,
     /// States that a later step reads, at that step's rows.
-    pub(super) carried_h: Vec<T>,
+    carried_h: Vec<T>,
     carried_c: Vec<T>,
     /// States at the end of each window.
-    pub(super) answer_h: Vec<T>,
+    answer_h: Vec<T>,
     answer_c: Vec<T>,
-    /// Derivatives by the outputs, kept for [`Self::add_magnitudes`].
-    pub(super) answer_dy: Vec<T>,
+    /// Of the input weights and the bias so far, as [`InputGradient`] has them.
+    input_gradient: Vec<T>,
     scratch: Scratch<T>,
 }
 
@@ -34,9 +36,13 @@ pub struct Overlap<T> {
 #[derive(Debug)]
 struct Scratch<T> {
     projected: Vec<T>,
+    /// By the gates' pre-activations: of each later row, and summed over the windows that share an input.
+    dz: Vec<T>,
     dz_sum: Vec<T>,
+    /// By the states after the step, and by those before it.
     dh: Vec<T>,
     dc: Vec<T>,
+    dh_before: Vec<T>,
     dc_before: Vec<T>,
     outputs: Vec<T>,
     dx: Vec<T>,
@@ -62,12 +68,14 @@ impl<T: Real> Overlap<T> {
             carried_c: empty(),
             answer_h: empty(),
             answer_c: empty(),
-            answer_dy: empty(),
+            input_gradient: empty(),
             scratch: Scratch {
                 projected: empty(),
+                dz: empty(),
                 dz_sum: empty(),
                 dh: empty(),
                 dc: empty(),
+                dh_before: empty(),
                 dc_before: empty(),
                 outputs: empty(),
                 dx: empty(),
@@ -92,10 +100,11 @@ impl<T: Real> Overlap<T> {
         for buffer in [&mut self.carried_h, &mut self.carried_c] {
             grow(buffer, carried * hidden);
         }
+        self.input_gradient.clear();
+        self.input_gradient.resize((INPUTS + 1) * gates, T::zero());
         for buffer in [&mut self.answer_h, &mut self.answer_c] {
             grow(buffer, windows * hidden);
         }
-        grow(&mut self.answer_dy, windows);
     }
 
     /// Input steps of the longest event.
@@ -120,74 +129,41 @@ impl<T: Real> Overlap<T> {
     ///
     /// # Panics
     /// When the number of inputs does not fit.
-    pub fn forward(&mut self, weights: &[T], t: usize, inputs: &[T]) -> &[T] {
-        let (layout, hidden, gates) = (self.layout, self.layout.hidden, self.layout.gates());
+    pub fn forward(&mut self, network: &Network<T>, t: usize, inputs: &[T]) -> &[T] {
+        let (hidden, gates) = (self.layout.hidden, self.layout.gates());
         assert_eq!(inputs.len(), self.plan.events(t) * INPUTS);
         let kept = self.input_row[t];
         self.inputs[kept..kept + inputs.len()].copy_from_slice(inputs);
-        self.project(weights, inputs);
+        let events = self.plan.events(t);
+        grow(&mut self.scratch.projected, events * gates);
+        network.project(inputs, &mut self.scratch.projected[..events * gates]);
 
-        let carried = self.plan.carried(t);
-        let z = &mut self.carried_z[carried.start * gates..carried.end * gates];
-        if !carried.is_empty() {
-            let recurrent = rows(&weights[layout.recurrent()], gates, hidden);
-            let before = &self.carried_h[carried.start * hidden..carried.end * hidden];
-            product(z, 0.0, &recurrent, &columns(before, hidden, carried.len()));
-        }
-
-        let (first, answers) = (self.plan.first(t), self.plan.answering(t));
+        let (first, carried, answers) = (self.plan.first(t), self.plan.carried(t), self.plan.answering(t));
         let first_z = &mut self.first_z[first.start * gates..first.end * gates];
+        let z = &mut self.carried_z[carried.start * gates..carried.end * gates];
         let (before_c, next_c) = self.carried_c.split_at_mut(carried.end * hidden);
-        let before_c = &before_c[carried.start * hidden..];
-        let next_h = &mut self.carried_h[carried.end * hidden..];
+        let (before_h, next_h) = self.carried_h.split_at_mut(carried.end * hidden);
+        let (before_c, before_h) = (&before_c[carried.start * hidden..], &before_h[carried.start * hidden..]);
         let answer_c = &mut self.answer_c[answers.start * hidden..answers.end * hidden];
         let answer_h = &mut self.answer_h[answers.start * hidden..answers.end * hidden];
         let projected = &self.scratch.projected;
-        let plan = &self.plan;
-        let staying = carried.len() - answers.len();
-        vectorised(
-            #[inline(always)]
-            || {
-                let row = |n: usize, width: usize| n * width..(n + 1) * width;
-                for n in 0..first.len() {
-                    let (c, h) = (&mut next_c[row(n, hidden)], &mut next_h[row(n, hidden)]);
-                    gates::first(&mut first_z[row(n, gates)], &projected[row(n, gates)], c, h);
-                }
-                for slot in plan.slots(t) {
-                    for r in slot.clone() {
-                        let p = &projected[row(r - slot.start, gates)];
-                        let (c, h) = if r < staying {
-                            let to = row(first.len() + r, hidden);
-                            (&mut next_c[to.clone()], &mut next_h[to])
-                        } else {
-                            let to = row(r - staying, hidden);
-                            (&mut answer_c[to.clone()], &mut answer_h[to])
-                        };
-                        gates::later(&mut z[row(r, gates)], p, &before_c[row(r, hidden)], c, h);
-                    }
-                }
-            },
-        );
-        self.head(weights, t)
-    }
-
-    /// `projected = W_ih x + b`, one row per event.
-    fn project(&mut self, weights: &[T], inputs: &[T]) {
-        let gates = self.layout.gates();
-        let events = inputs.len() / INPUTS;
-        grow(&mut self.scratch.projected, events * gates);
-        let projected = &mut self.scratch.projected[..events * gates];
-        let (input, bias) = (&weights[self.layout.input()], &weights[self.layout.bias()]);
-        vectorised(
-            #[inline(always)]
-            || {
-                for (p, x) in projected.chunks_exact_mut(gates).zip(inputs.chunks_exact(INPUTS)) {
-                    for ((p, w), b) in p.iter_mut().zip(input.chunks_exact(INPUTS)).zip(bias) {
-                        *p = w[3].fma(x[3], w[2].fma(x[2], w[1].fma(x[1], w[0].fma(x[0], *b))));
-                    }
-                }
-            },
-        );
+        let begun = first.len() * hidden;
+        let (c, h) = (&mut next_c[..begun], &mut next_h[..begun]);
+        T::run(First { hidden, p: &projected[..first.len() * gates], z: first_z, c, h });
+        network.forward.multiply(&before_h[..carried.len() * hidden], z);
+        for slot in self.plan.slots(t) {
+            let (state, gate) = (slot.start * hidden..slot.end * hidden, slot.start * gates..slot.end * gates);
+            // The last slot answers; the others go on behind the rows that have just begun.
+            let (c, h) = if slot.end == carried.len() && !answers.is_empty() {
+                (&mut *answer_c, &mut *answer_h)
+            } else {
+                let next = begun + state.start..begun + state.end;
+                (&mut next_c[next.clone()], &mut next_h[next])
+            };
+            let p = &projected[..slot.len() * gates];
+            T::run(Later { hidden, p, z: &mut z[gate], before: &before_c[state], c, h });
+        }
+        self.head(network.weights(), t)
     }
 
     fn head(&mut self, weights: &[T], t: usize) -> &[T] {
@@ -205,23 +181,13 @@ impl<T: Real> Overlap<T> {
     ///
     /// # Panics
     /// When the number of derivatives does not fit.
-    pub fn backward(&mut self, weights: &[T], t: usize, dy: &[T], gradient: &mut [T]) -> &[T] {
-        let answers = self.plan.answering(t);
-        assert_eq!(dy.len(), answers.len());
-        self.answer_dy[answers.clone()].copy_from_slice(dy);
-        self.head_backward(weights, t, dy, gradient);
-        self.gates_backward(t);
-        self.input_backward(weights, t, gradient);
-
-        let (hidden, gates) = (self.layout.hidden, self.layout.gates());
-        let carried = self.plan.carried(t);
-        grow(&mut self.scratch.dh, carried.len() * hidden);
-        if !carried.is_empty() {
-            let dz = &self.carried_z[carried.start * gates..carried.end * gates];
-            let transposed = columns(&weights[self.layout.recurrent()], hidden, gates);
-            let dh = &mut self.scratch.dh[..carried.len() * hidden];
-            product(dh, 0.0, &transposed, &columns(dz, gates, carried.len()));
-        }
+    pub fn backward(&mut self, network: &Network<T>, t: usize, dy: &[T], gradient: &mut [T]) -> &[T] {
+        assert_eq!(dy.len(), self.plan.answering(t).len());
+        self.head_backward(network.weights(), t, dy, gradient);
+        self.gates_backward(network, t);
+        self.recurrent_backward(t, gradient);
+        self.input_backward(network, t);
+        std::mem::swap(&mut self.scratch.dh, &mut self.scratch.dh_before);
         std::mem::swap(&mut self.scratch.dc, &mut self.scratch.dc_before);
         &self.scratch.dx
     }
@@ -251,96 +217,116 @@ impl<T: Real> Overlap<T> {
         }
     }
 
-    fn gates_backward(&mut self, t: usize) {
+    /// From the derivatives by the states after the step to those by its gates and by the states before it.
+    fn gates_backward(&mut self, network: &Network<T>, t: usize) {
         let (hidden, gates) = (self.layout.hidden, self.layout.gates());
         let (first, carried, answers) = (self.plan.first(t), self.plan.carried(t), self.plan.answering(t));
         let events = self.plan.events(t);
-        let Scratch { dz_sum, dh, dc, dc_before, .. } = &mut self.scratch;
-        grow(dc_before, carried.len() * hidden);
+        let Scratch { dz, dz_sum, dh, dc, dh_before, dc_before, .. } = &mut self.scratch;
+        for buffer in [&mut *dh_before, dc_before] {
+            grow(buffer, carried.len() * hidden);
+        }
+        grow(dz, carried.len() * gates);
         grow(dz_sum, events * gates);
         dz_sum[..events * gates].fill(T::zero());
-        let first_z = &mut self.first_z[first.start * gates..first.end * gates];
-        let z = &mut self.carried_z[carried.start * gates..carried.end * gates];
+        let first_z = &self.first_z[first.start * gates..first.end * gates];
+        let z = &self.carried_z[carried.start * gates..carried.end * gates];
         let (before_c, next_c) = self.carried_c.split_at(carried.end * hidden);
         let before_c = &before_c[carried.start * hidden..];
         let answer_c = &self.answer_c[answers.start * hidden..answers.end * hidden];
-        let plan = &self.plan;
-        let staying = carried.len() - answers.len();
-        vectorised(
-            #[inline(always)]
-            || {
-                let row = |n: usize, width: usize| n * width..(n + 1) * width;
-                for n in 0..first.len() {
-                    let (c, at) = (&next_c[row(n, hidden)], row(n, hidden));
-                    let sum = &mut dz_sum[row(n, gates)];
-                    gates::first_backward(&mut first_z[row(n, gates)], c, &dh[at.clone()], &dc[at], sum);
-                }
-                for slot in plan.slots(t) {
-                    for r in slot.clone() {
-                        let c = if r < staying {
-                            &next_c[row(first.len() + r, hidden)]
-                        } else {
-                            &answer_c[row(r - staying, hidden)]
-                        };
-                        let at = row(first.len() + r, hidden);
-                        gates::later_backward(
-                            &mut z[row(r, gates)],
-                            c,
-                            &before_c[row(r, hidden)],
-                            &dh[at.clone()],
-                            &dc[at],
-                            &mut dc_before[row(r, hidden)],
-                            &mut dz_sum[row(r - slot.start, gates)],
-                        );
-                    }
-                }
-            },
-        );
+        let begun = first.len() * hidden;
+        let sum = &mut dz_sum[..first.len() * gates];
+        T::run(FirstBackward { hidden, z: first_z, c: &next_c[..begun], dh: &dh[..begun], dc: &dc[..begun], sum });
+        for slot in self.plan.slots(t) {
+            let (state, gate) = (slot.start * hidden..slot.end * hidden, slot.start * gates..slot.end * gates);
+            let after = begun + state.start..begun + state.end;
+            let answers = slot.end == carried.len() && !answers.is_empty();
+            T::run(LaterBackward {
+                hidden,
+                z: &z[gate.clone()],
+                c: if answers { answer_c } else { &next_c[after.clone()] },
+                before: &before_c[state.clone()],
+                dh: &dh[after.clone()],
+                dc: &dc[after],
+                dz: &mut dz[gate.clone()],
+                dc_before: &mut dc_before[state.clone()],
+                sum: &mut dz_sum[..slot.len() * gates],
+            });
+        }
+        network.backward.multiply(&dz[..carried.len() * gates], &mut dh_before[..carried.len() * hidden]);
     }
 
-    /// `dx = W_ihᵀ Σ dz`, `dW_ih += Σ dz xᵀ`, `db += Σ dz`, the sum running over the windows that share the input.
-    fn input_backward(&mut self, weights: &[T], t: usize, gradient: &mut [T]) {
-        let gates = self.layout.gates();
-        let events = self.plan.events(t);
-        let inputs = &self.inputs[self.input_row[t]..self.input_row[t] + events * INPUTS];
-        let dz_sum = &self.scratch.dz_sum[..events * gates];
-        let input = &weights[self.layout.input()];
-        let (input_gradient, rest) = gradient.split_at_mut(self.layout.input().end);
-        let bias_gradient = &mut rest[self.layout.bias().start - self.layout.input().end..][..gates];
-        self.scratch.dx.clear();
-        self.scratch.dx.resize(events * INPUTS, T::zero());
-        let dx = &mut self.scratch.dx;
-        vectorised(
-            #[inline(always)]
-            || {
-                for ((dz, x), dx) in
-                    dz_sum.chunks_exact(gates).zip(inputs.chunks_exact(INPUTS)).zip(dx.chunks_exact_mut(INPUTS))
-                {
-                    let mut sums = [T::zero(); INPUTS];
-                    let each = dz.iter().zip(input.chunks_exact(INPUTS)).zip(input_gradient.chunks_exact_mut(INPUTS));
-                    for (((dz, w), dw), db) in each.zip(bias_gradient.iter_mut()) {
-                        for k in 0..INPUTS {
-                            sums[k] = dz.fma(w[k], sums[k]);
-                            dw[k] = dz.fma(x[k], dw[k]);
-                        }
-                        *db += *dz;
-                    }
-                    dx.copy_from_slice(&sums);
-                }
-            },
-        );
-    }
-
-    /// The recurrent weights' gradient, over all steps in one long product: `dW_hh += Σ dz h'ᵀ`.
-    pub fn finish(&mut self, gradient: &mut [T]) {
+    /// `dW_hh += Σ dz h'ᵀ`, over the later rows of this step while they are in the cache.
+    fn recurrent_backward(&self, t: usize, gradient: &mut [T]) {
         let (hidden, gates) = (self.layout.hidden, self.layout.gates());
-        let carried = self.plan.all_carried();
-        if carried == 0 {
+        let carried = self.plan.carried(t);
+        if carried.is_empty() {
             return;
         }
         // dW_hh is row-major gates × hidden, which is column-major hidden × gates.
-        let states = columns(&self.carried_h[..carried * hidden], hidden, carried);
-        let dz = rows(&self.carried_z[..carried * gates], carried, gates);
+        let states = columns(&self.carried_h[carried.start * hidden..carried.end * hidden], hidden, carried.len());
+        let dz = rows(&self.scratch.dz[..carried.len() * gates], carried.len(), gates);
         product(&mut gradient[self.layout.recurrent()], 1.0, &states, &dz);
+    }
+
+    /// `dx = W_ihᵀ Σ dz`, `dW_ih += Σ dz xᵀ`, `db += Σ dz`, the sum running over the windows that share the input.
+    fn input_backward(&mut self, network: &Network<T>, t: usize) {
+        let events = self.plan.events(t);
+        let inputs = &self.inputs[self.input_row[t]..self.input_row[t] + events * INPUTS];
+        let dz = &self.scratch.dz_sum[..events * self.layout.gates()];
+        T::run(InputGradient { inputs, dz, sums: &mut self.input_gradient });
+        network.back_project(dz, &mut self.scratch.dx);
+    }
+
+    /// Adds what of the gradient waited for all steps.
+    pub fn finish(&mut self, gradient: &mut [T]) {
+        let gates = self.layout.gates();
+        let sum = |k: usize, gate: usize| self.input_gradient[k * gates + gate];
+        for (at, g) in gradient[self.layout.input()].iter_mut().enumerate() {
+            *g += sum(at % INPUTS, at / INPUTS);
+        }
+        for (gate, g) in gradient[self.layout.bias()].iter_mut().enumerate() {
+            *g += sum(INPUTS, gate);
+        }
+    }
+}
+
+/// Adds to the gradients of the input weights and the bias, (inputs + 1) × gates: gates lie beside each other.
+struct InputGradient<'a, T> {
+    inputs: &'a [T],
+    dz: &'a [T],
+    sums: &'a mut [T],
+}
+
+impl<T: Real> Kernel<T> for InputGradient<'_, T> {
+    #[inline(always)]
+    fn run<L: Lanes<Number = T>>(self, lanes: L) {
+        each_unit(self, lanes);
+    }
+}
+
+impl<T: Real> Units<T> for InputGradient<'_, T> {
+    #[inline(always)]
+    fn size(&self) -> (usize, usize) {
+        (1, self.sums.len() / (INPUTS + 1))
+    }
+
+    #[inline(always)]
+    fn unit<L: Lanes<Number = T>>(&mut self, l: L, _: usize, gate: usize) {
+        let gates = self.sums.len() / (INPUTS + 1);
+        let mut sums: [L::Value; INPUTS + 1] = std::array::from_fn(
+            #[inline(always)]
+            |k| l.load(&self.sums[k * gates + gate..]),
+        );
+        for (x, dz) in self.inputs.as_chunks::<INPUTS>().0.iter().zip(self.dz.chunks_exact(gates)) {
+            let dz = l.load(&dz[gate..]);
+            for k in 0..INPUTS {
+                sums[k] = l.fma(dz, l.splat(x[k]), sums[k]);
+            }
+            sums[INPUTS] = l.add(sums[INPUTS], dz);
+        }
+        for k in 0..=INPUTS {
+            l.store(&mut self.sums[k * gates + gate..], sums[k]);
+        }
     }
 }

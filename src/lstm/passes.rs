@@ -1,6 +1,6 @@
 //! Either way through the steps of some events.
 
-use super::{Carried, Layout, Overlap, Real};
+use super::{Carried, Layout, Network, Overlap, Real};
 
 /// How a network goes through events: every window from a zero state, or one state along each event.
 #[derive(Debug)]
@@ -58,13 +58,13 @@ impl<T: Real> Passes<T> {
     }
 
     /// Step `t` forward, from its inputs (`events(t)` rows) to one head value per answering event.
-    pub fn forward(&mut self, weights: &[T], t: usize, inputs: &[T]) -> &[T] {
-        either!(self, passes => passes.forward(weights, t, inputs))
+    pub fn forward(&mut self, network: &Network<T>, t: usize, inputs: &[T]) -> &[T] {
+        either!(self, passes => passes.forward(network, t, inputs))
     }
 
     /// Step `t` backward, from the derivatives by its head values to those by its inputs.
-    pub fn backward(&mut self, weights: &[T], t: usize, dy: &[T], gradient: &mut [T]) -> &[T] {
-        either!(self, passes => passes.backward(weights, t, dy, gradient))
+    pub fn backward(&mut self, network: &Network<T>, t: usize, dy: &[T], gradient: &mut [T]) -> &[T] {
+        either!(self, passes => passes.backward(network, t, dy, gradient))
     }
 
     /// What of the gradient waited for all steps.

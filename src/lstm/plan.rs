@@ -46,11 +46,6 @@ impl Plan {
         self.carried_row.push(carried);
     }
 
-    /// Steps in a window.
-    pub(super) fn horizon(&self) -> usize {
-        self.horizon
-    }
-
     /// Input steps of the longest event.
     pub(super) fn steps(&self) -> usize {
         self.starting.len()

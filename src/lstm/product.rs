@@ -6,15 +6,23 @@ use nalgebra::{Dyn, MatrixView};
 use super::Real;
 
 /// A matrix that is read with any strides: column-major as it is, or transposed.
-pub(super) type Strided<'a, T> = MatrixView<'a, T, Dyn, Dyn, Dyn, Dyn>;
+pub type Strided<'a, T> = MatrixView<'a, T, Dyn, Dyn, Dyn, Dyn>;
 
 /// `rows × columns` over column-major `values`.
-pub(super) fn columns<T: Real>(values: &[T], rows: usize, columns: usize) -> Strided<'_, T> {
+///
+/// # Panics
+/// When there are too few.
+#[must_use]
+pub fn columns<T: Real>(values: &[T], rows: usize, columns: usize) -> Strided<'_, T> {
     MatrixView::from_slice_with_strides_generic(values, Dyn(rows), Dyn(columns), Dyn(1), Dyn(rows))
 }
 
 /// `rows × columns` over row-major `values`: a transpose without moving anything.
-pub(super) fn rows<T: Real>(values: &[T], rows: usize, columns: usize) -> Strided<'_, T> {
+///
+/// # Panics
+/// When there are too few.
+#[must_use]
+pub fn rows<T: Real>(values: &[T], rows: usize, columns: usize) -> Strided<'_, T> {
     MatrixView::from_slice_with_strides_generic(values, Dyn(rows), Dyn(columns), Dyn(columns), Dyn(1))
 }
 
@@ -22,7 +30,7 @@ pub(super) fn rows<T: Real>(values: &[T], rows: usize, columns: usize) -> Stride
 ///
 /// # Panics
 /// When the shapes do not fit.
-pub(super) fn product<T: Real>(out: &mut [T], keep: f64, lhs: &Strided<'_, T>, rhs: &Strided<'_, T>) {
+pub fn product<T: Real>(out: &mut [T], keep: f64, lhs: &Strided<'_, T>, rhs: &Strided<'_, T>) {
     let (m, k, n) = (lhs.nrows(), lhs.ncols(), rhs.ncols());
     assert!(k == rhs.nrows() && out.len() == m * n, "shapes fit: {m}×{k} times {}×{n} into {}", rhs.nrows(), out.len());
     let stride = |s: usize| isize::try_from(s).expect("a stride fits a pointer offset");

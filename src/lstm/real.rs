@@ -3,6 +3,7 @@
 use nalgebra::RealField;
 
 use super::activation;
+use super::lanes::{self, Kernel, Lanes, Single};
 
 /// f32 or f64.
 pub trait Real: RealField + Copy {
@@ -19,6 +20,11 @@ pub trait Real: RealField + Copy {
     /// `self · b + c`, rounded once where the hardware can.
     #[must_use]
     fn fma(self, b: Self, c: Self) -> Self;
+    /// `σ(i), σ(f), tanh(g), σ(o)`, likewise.
+    #[must_use]
+    fn gates<L: Lanes<Number = Self>>(lanes: L, gates: [L::Value; 4]) -> [L::Value; 4];
+    /// Runs a kernel: f32 with this machine's vectors.
+    fn run(kernel: impl Kernel<Self>);
 }
 
 impl Real for f32 {
@@ -32,15 +38,22 @@ impl Real for f32 {
     }
     #[inline(always)]
     fn fast_tanh(self) -> Self {
-        activation::tanh(self)
+        activation::tanh(Single::new(), self)
     }
     #[inline(always)]
     fn fast_sigmoid(self) -> Self {
-        0.5 + 0.5 * activation::tanh(0.5 * self)
+        Single::new().sigmoid(self)
     }
     #[inline(always)]
     fn fma(self, b: Self, c: Self) -> Self {
         self.mul_add(b, c)
+    }
+    #[inline(always)]
+    fn gates<L: Lanes<Number = Self>>(lanes: L, gates: [L::Value; 4]) -> [L::Value; 4] {
+        activation::gates(lanes, gates)
+    }
+    fn run(kernel: impl Kernel<Self>) {
+        lanes::run_vectorised(kernel);
     }
 }
 
@@ -59,10 +72,17 @@ impl Real for f64 {
     }
     #[inline(always)]
     fn fast_sigmoid(self) -> Self {
-        0.5 + 0.5 * (0.5 * self).tanh()
+        Single::new().sigmoid(self)
     }
     #[inline(always)]
     fn fma(self, b: Self, c: Self) -> Self {
         self.mul_add(b, c)
+    }
+    #[inline(always)]
+    fn gates<L: Lanes<Number = Self>>(l: L, [i, f, g, o]: [L::Value; 4]) -> [L::Value; 4] {
+        [l.sigmoid(i), l.sigmoid(f), l.tanh(g), l.sigmoid(o)]
+    }
+    fn run(kernel: impl Kernel<Self>) {
+        kernel.run(Single::new());
     }
 }

@@ -1,6 +1,6 @@
 //! Each window's own gradient, squared or in absolute value, summed over windows: what importance is made of.
 
-use super::{INPUTS, Layout, Overlap, Real, vectorised};
+use super::{Layout, Real, vectorised, wide_registers};
 
 /// What is summed of each window's gradient g.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -21,133 +21,151 @@ impl Magnitude {
     }
 }
 
-/// Outputs summed in registers.
-const LANES: usize = 64;
+/// Gates whose weights are summed together: each state that is read serves both.
+const GATES: usize = 2;
+/// Gates of the shared weights that are summed together, with every input and the bias.
+const SHARED_LANES: usize = 32;
 
-impl<T: Real> Overlap<T> {
-    /// Adds `Σ_windows |g|` or `Σ_windows g²` to `sums`, g being the gradient of that window's own output (scaled by the `dy`
-    /// that [`Overlap::backward`] was given). Call after going back through every step; the windows must have had no
-    /// influence on each other, so the inputs must have been data.
-    ///
-    /// Recurrent weights have no shortcut through summed products: `(Σ_τ δ_τ h_τᵀ)²` needs each window's own sum.
-    pub fn add_magnitudes(&self, magnitude: Magnitude, sums: &mut [T]) {
-        let empty = Vec::new;
-        let mut window = Window { deltas: empty(), states: empty(), inputs: empty(), answer: empty(), dy: T::zero() };
-        for start in 0..self.plan.steps() {
-            for (n, answer) in self.plan.first(start).enumerate() {
-                self.gather(&mut window, start, n, answer);
-                vectorised(
-                    #[inline(always)]
-                    || match magnitude {
-                        Magnitude::Square => window.add(self.layout, Magnitude::Square, sums),
-                        Magnitude::Absolute => window.add(self.layout, Magnitude::Absolute, sums),
-                    },
-                );
-            }
-        }
-    }
-
-    /// Copies one window's values next to each other, so that its sums read a few kilobytes of cache.
-    fn gather(&self, window: &mut Window<T>, start: usize, n: usize, answer: usize) {
-        let (hidden, gates) = (self.layout.hidden, self.layout.gates());
-        window.deltas.clear();
-        window.states.clear();
-        window.inputs.clear();
-        window.deltas.extend_from_slice(&self.first_z[answer * gates..(answer + 1) * gates]);
-        window.inputs.extend_from_slice(&self.inputs[self.input_row[start] + n * INPUTS..][..INPUTS]);
-        for slot in 1..self.plan.horizon() {
-            let t = start + slot;
-            let rows = self.plan.slots(t).nth(slot - 1).expect("the window is alive for its whole horizon");
-            let row = self.plan.carried(t).start + rows.start + n;
-            window.deltas.extend_from_slice(&self.carried_z[row * gates..(row + 1) * gates]);
-            window.states.extend_from_slice(&self.carried_h[row * hidden..(row + 1) * hidden]);
-            window.inputs.extend_from_slice(&self.inputs[self.input_row[t] + n * INPUTS..][..INPUTS]);
-        }
-        window.answer.clear();
-        window.answer.extend_from_slice(&self.answer_h[answer * hidden..(answer + 1) * hidden]);
-        window.dy = self.answer_dy[answer];
-    }
-
-    /// The layout of the weights.
-    #[must_use]
-    pub fn layout(&self) -> Layout {
-        self.layout
-    }
+/// Sums of the magnitudes of own gradients. Recurrent weights have no shortcut through summed products: `(Σ_τ δ_τ h_τᵀ)²`
+/// needs each window's own sum. It is held in registers, and so are the sums over windows while a few of these pass.
+#[derive(Debug)]
+pub(super) struct Squares<T> {
+    layout: Layout,
+    /// Of the input weights and the bias, (inputs + 1) × gates: transposed, so that gates lie beside each other.
+    shared: Vec<T>,
 }
 
-/// One window's derivatives and what they multiply, step by step.
-struct Window<T> {
-    /// By the gates' pre-activations, horizon × 4·hidden.
-    deltas: Vec<T>,
-    /// The states before each step but the first, (horizon − 1) × hidden.
-    states: Vec<T>,
-    /// horizon × 4.
-    inputs: Vec<T>,
-    /// The last state.
-    answer: Vec<T>,
-    /// By the head's value.
-    dy: T,
+/// Some windows' values, step by step, of each step window by window.
+struct Tile<'a, T> {
+    layout: Layout,
+    windows: usize,
+    inputs: &'a [T],
+    /// Derivatives by the gates' pre-activations.
+    dz: &'a [T],
+    /// States after each step.
+    h: &'a [T],
+    magnitude: Magnitude,
 }
 
-impl<T: Real> Window<T> {
-    #[inline(always)]
-    fn add(&self, layout: Layout, magnitude: Magnitude, sums: &mut [T]) {
-        let hidden = layout.hidden;
+impl<T: Real> Squares<T> {
+    pub(super) fn new(layout: Layout) -> Self {
+        Self { layout, shared: Vec::new() }
+    }
+
+    /// Adds those of some windows: their inputs, derivatives by the gates' pre-activations and states after each step, all
+    /// step-major, and each one's derivative by its head's value.
+    pub(super) fn add(&mut self, magnitude: Magnitude, (inputs, dz, h, dy): (&[T], &[T], &[T], &[T]), sums: &mut [T]) {
+        let (layout, hidden) = (self.layout, self.layout.hidden);
         let (lstm, head) = sums.split_at_mut(layout.head().start);
-        for (sum, h) in head.iter_mut().zip(&self.answer) {
-            *sum += magnitude.of(self.dy * *h);
+        let last = &h[h.len() - dy.len() * hidden..];
+        for (dy, h) in dy.iter().zip(last.chunks_exact(hidden)) {
+            for (sum, h) in head.iter_mut().zip(h) {
+                *sum += magnitude.of(*dy * *h);
+            }
+            head[hidden] += magnitude.of(*dy);
         }
-        head[hidden] += magnitude.of(self.dy);
         let (input, rest) = lstm.split_at_mut(layout.recurrent().start);
         let (recurrent, bias) = rest.split_at_mut(layout.recurrent().len());
-        self.add_shared(magnitude, input, bias);
-        for (gate, sums) in recurrent.chunks_exact_mut(hidden).enumerate() {
-            self.add_recurrent(gate, magnitude, sums);
+        self.shared.clear();
+        self.shared.resize((layout.inputs + 1) * layout.gates(), T::zero());
+        let tile = Tile { layout, windows: dy.len(), inputs, dz, h, magnitude };
+        let shared = &mut self.shared;
+        vectorised(
+            #[inline(always)]
+            || match magnitude {
+                Magnitude::Square => Tile { magnitude: Magnitude::Square, ..tile }.add(shared, recurrent),
+                Magnitude::Absolute => Tile { magnitude: Magnitude::Absolute, ..tile }.add(shared, recurrent),
+            },
+        );
+        for (gate, (bias, input)) in bias.iter_mut().zip(input.chunks_exact_mut(layout.inputs)).enumerate() {
+            let of = |k: usize| self.shared[k * layout.gates() + gate];
+            for (k, input) in input.iter_mut().enumerate() {
+                *input += of(k);
+            }
+            *bias += of(layout.inputs);
+        }
+    }
+}
+
+impl<T: Real> Tile<'_, T> {
+    #[inline(always)]
+    fn add(&self, shared: &mut [T], recurrent: &mut [T]) {
+        for (k, shared) in shared.chunks_exact_mut(self.layout.gates()).enumerate() {
+            self.add_shared((k < self.layout.inputs).then_some(k), shared);
+        }
+        if wide_registers() {
+            self.add_recurrent::<64>(recurrent);
+        } else {
+            self.add_recurrent::<16>(recurrent);
         }
     }
 
-    /// Input weights and bias.
+    /// The weights of one input, or the bias, of all gates.
     #[inline(always)]
-    fn add_shared(&self, magnitude: Magnitude, input: &mut [T], bias: &mut [T]) {
-        let gates = bias.len();
-        for (gate, (bias, input)) in bias.iter_mut().zip(input.as_chunks_mut::<INPUTS>().0).enumerate() {
-            let (mut g_bias, mut g_input) = (T::zero(), [T::zero(); INPUTS]);
-            for (x, deltas) in self.inputs.as_chunks::<INPUTS>().0.iter().zip(self.deltas.chunks_exact(gates)) {
-                g_bias += deltas[gate];
-                for k in 0..INPUTS {
-                    g_input[k] = deltas[gate].fma(x[k], g_input[k]);
+    fn add_shared(&self, input: Option<usize>, sums: &mut [T]) {
+        let (inputs, gates) = (self.layout.inputs, self.layout.gates());
+        for (block, sums) in sums.chunks_mut(SHARED_LANES).enumerate() {
+            for n in 0..self.windows {
+                let mut g = [T::zero(); SHARED_LANES];
+                let rows = self.dz.chunks_exact(gates).skip(n).step_by(self.windows);
+                for (dz, x) in rows.zip(self.inputs.chunks_exact(inputs).skip(n).step_by(self.windows)) {
+                    let x = input.map_or(T::one(), |k| x[k]);
+                    for (g, dz) in g.iter_mut().zip(&dz[block * SHARED_LANES..]) {
+                        *g = dz.fma(x, *g);
+                    }
                 }
-            }
-            *bias += magnitude.of(g_bias);
-            for k in 0..INPUTS {
-                input[k] += magnitude.of(g_input[k]);
+                for (sum, g) in sums.iter_mut().zip(g) {
+                    *sum += self.magnitude.of(g);
+                }
             }
         }
     }
 
-    /// One gate's recurrent weights.
+    /// The recurrent weights: `GATES` gates by `L` units at a time.
     #[inline(always)]
-    fn add_recurrent(&self, gate: usize, magnitude: Magnitude, sums: &mut [T]) {
-        let hidden = sums.len();
-        let later = || self.deltas.chunks_exact(4 * hidden).skip(1).map(|deltas| deltas[gate]);
-        let (blocks, rest) = sums.as_chunks_mut::<LANES>();
-        for (block, sums) in blocks.iter_mut().enumerate() {
-            let mut g = [T::zero(); LANES];
-            for (states, d) in self.states.chunks_exact(hidden).zip(later()) {
-                let states: &[T; LANES] = states[block * LANES..].first_chunk().expect("a block lies within its row");
-                for lane in 0..LANES {
-                    g[lane] = d.fma(states[lane], g[lane]);
-                }
+    fn add_recurrent<const L: usize>(&self, sums: &mut [T]) {
+        let hidden = self.layout.hidden;
+        for (at, sums) in sums.chunks_exact_mut(GATES * hidden).enumerate() {
+            let mut units = 0;
+            while units + L <= hidden {
+                self.add_units::<L>(at * GATES, units, sums);
+                units += L;
             }
-            for lane in 0..LANES {
-                sums[lane] += magnitude.of(g[lane]);
+            while units < hidden {
+                self.add_units::<1>(at * GATES, units, sums);
+                units += 1;
             }
         }
-        let from = hidden - rest.len();
-        for (sum, at) in rest.iter_mut().zip(from..) {
-            let each = self.states.chunks_exact(hidden).zip(later());
-            let g = each.fold(T::zero(), |g, (states, d)| d.fma(states[at], g));
-            *sum += magnitude.of(g);
+    }
+
+    #[inline(always)]
+    fn add_units<const L: usize>(&self, gate: usize, unit: usize, sums: &mut [T]) {
+        let (hidden, gates, windows) = (self.layout.hidden, self.layout.gates(), self.windows);
+        let mut total = [[T::zero(); L]; GATES];
+        for n in 0..windows {
+            let mut g = [[T::zero(); L]; GATES];
+            // A step's derivatives meet the state before it.
+            for (dz, h) in
+                self.dz[windows * gates..].chunks_exact(windows * gates).zip(self.h.chunks_exact(windows * hidden))
+            {
+                let h: &[T; L] = h[n * hidden + unit..].first_chunk().expect("units lie within their row");
+                let dz: &[T; GATES] = dz[n * gates + gate..].first_chunk().expect("gates come in fours");
+                for k in 0..GATES {
+                    for l in 0..L {
+                        g[k][l] = dz[k].fma(h[l], g[k][l]);
+                    }
+                }
+            }
+            for k in 0..GATES {
+                for l in 0..L {
+                    total[k][l] += self.magnitude.of(g[k][l]);
+                }
+            }
+        }
+        for k in 0..GATES {
+            for (sum, total) in sums[k * hidden + unit..].iter_mut().zip(total[k]) {
+                *sum += total;
+            }
         }
     }
 }

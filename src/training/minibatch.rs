@@ -3,14 +3,14 @@
 use super::loss::{Penalties, loss};
 use crate::car_following::Event;
 use crate::driver::{Crew, Drive, Loop, Scaling, TrajectoryGradient};
-use crate::lstm::Real;
+use crate::lstm::{Network, Real};
 
 /// The loss of `events` driven closed loop, and its exact derivative by every weight in `gradient`, which is overwritten.
 pub fn minibatch_gradient<T: Real>(
     crew: &Crew<'_, T>,
     horizon: usize,
     scaling: &Scaling,
-    weights: &[T],
+    network: &Network<T>,
     events: &[&Event],
     penalties: Penalties,
     gradient: &mut [T],
@@ -18,10 +18,10 @@ pub fn minibatch_gradient<T: Real>(
     let steps: usize = events.iter().map(|event| event.steps() - horizon).sum();
     let part = |drive: &mut Drive<T>, piece: &[&Event]| {
         let mut by = TrajectoryGradient { spacing: Vec::new(), speed: Vec::new() };
-        let mut gradient = vec![T::zero(); weights.len()];
-        drive.forward(weights, scaling, piece, Loop::Closed);
+        let mut gradient = vec![T::zero(); network.weights().len()];
+        drive.forward(network, scaling, piece, Loop::Closed);
         let loss = loss(drive, horizon, piece, penalties, steps, &mut by);
-        drive.backward(weights, scaling, &by, &mut gradient);
+        drive.backward(network, scaling, &by, &mut gradient);
         (loss, gradient)
     };
     gradient.fill(T::zero());

@@ -22,7 +22,7 @@ use crate::consolidation::{
 };
 use crate::driver::{Crew, Scaling};
 use crate::evaluation::{Errors, drive_all};
-use crate::lstm::{initial_weights, kernel_name};
+use crate::lstm::{Network, initial_weights, kernel_name};
 
 /// Validation events driven between two looks at whether to stop.
 const VALIDATED_TOGETHER: usize = 64;
@@ -63,6 +63,7 @@ struct Stage<'a> {
     validation: &'a [&'a Event],
     replay: Replay<'a>,
     crew: Crew<'a, f32>,
+    network: Network<f32>,
     scaling: Scaling,
     penalty: Option<(Penalty, f64)>,
     strength: Option<f64>,
@@ -109,6 +110,7 @@ impl<'a> Stage<'a> {
             train,
             validation,
             crew: Crew::new(settings.shape, workers),
+            network: Network::new(settings.shape.layout(), &weights),
             scaling: input.scaling.unwrap_or_else(|| Scaling::estimate(settings.shape, train)),
             penalty,
             strength: strength.filter(|_| settings.lambda.is_none()),
@@ -230,11 +232,12 @@ impl<'a> Stage<'a> {
         let started: Option<Vec<&Event>> = started.as_ref().map(|events| events.iter().collect());
         let events = started.as_deref().unwrap_or(events);
         let weights = &mut self.state.weights;
+        self.network.set(weights);
         let loss = minibatch_gradient(
             &self.crew,
             horizon,
             &self.scaling,
-            weights,
+            &self.network,
             events,
             penalties(settings),
             &mut self.gradient,

@@ -2,7 +2,7 @@
 
 use headway::car_following::Event;
 use headway::driver::{Crew, DriverShape, Scaling};
-use headway::lstm::Real;
+use headway::lstm::{Network, Real};
 use headway::training::{Adam, Penalties, clip_norm, minibatch_gradient};
 use serde::Deserialize;
 
@@ -112,7 +112,9 @@ fn gradient_of<T: Real>(case: &Case, weights: &[T], collision_margin_m: f64) -> 
     let events: Vec<_> = case.events.iter().collect();
     let penalties = Penalties { collision: 1000.0, backward: 1000.0, collision_margin_m };
     let mut gradient = vec![T::zero(); weights.len()];
-    let loss = minibatch_gradient(&crew, case.shape.horizon, &case.scaling, weights, &events, penalties, &mut gradient);
+    let network = Network::new(case.shape.layout(), weights);
+    let loss =
+        minibatch_gradient(&crew, case.shape.horizon, &case.scaling, &network, &events, penalties, &mut gradient);
     (loss, gradient)
 }
 

@@ -3,7 +3,7 @@
 use headway::car_following::Event;
 use headway::consolidation::{Estimator, ImportanceOptions, Kept, MasOutput, Output, importance};
 use headway::driver::{Crew, Drive, DriverShape, Loop, Scaling};
-use headway::lstm::Real;
+use headway::lstm::{Network, Real};
 use serde::Deserialize;
 
 use super::golden::GoldenDriver;
@@ -132,8 +132,9 @@ struct Answer {
 fn answers(case: &Case, weights: &[f64], which: Loop) -> Vec<Answer> {
     let mut drive = Drive::<f64>::new(case.shape);
     let mut answers = Vec::new();
+    let network = Network::new(case.shape.layout(), weights);
     for event in &case.events {
-        drive.forward(weights, &case.scaling, &[event], which);
+        drive.forward(&network, &case.scaling, &[event], which);
         let v = |t: usize| f64::from(event.follower_speed_mps()[t]);
         answers.extend((case.shape.horizon..event.steps()).map(|t| Answer {
             accel: drive.accel_mps2(t, 0),

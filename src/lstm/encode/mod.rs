@@ -167,6 +167,7 @@ impl OverlappingWindows {
 }
 
 /// `Σ a·b` in one fixed order: sixteen interleaved sums, then one after another.
+#[inline(always)]
 pub(super) fn dot<T: Real>(a: &[T], b: &[T]) -> T {
     let mut sums = [T::zero(); 16];
     for (a, b) in a.chunks(16).zip(b.chunks(16)) {

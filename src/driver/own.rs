@@ -1,0 +1,62 @@
+//! Gradients of recorded windows on their own.
+
+use super::drive::recorded_sight;
+use super::{DriverShape, Features, Memory, Scaling};
+use crate::car_following::Event;
+use crate::lstm::{Magnitude, Network, Real, Windows};
+
+/// Goes through the recorded windows of events one by one, a few at a time: what exact importance over the open loop takes.
+#[derive(Debug)]
+pub struct OwnGradients<T> {
+    shape: DriverShape,
+    windows: Windows<T>,
+    inputs: Vec<T>,
+    by_heads: Vec<T>,
+}
+
+impl<T: Real> OwnGradients<T> {
+    /// Empty buffers.
+    ///
+    /// # Panics
+    /// When the network carries one state, and so reads no windows, or reads more of a step than the paper's.
+    #[must_use]
+    pub fn new(shape: DriverShape) -> Self {
+        assert_eq!(shape.memory, Memory::Window, "a carried state has no windows");
+        assert_eq!(shape.features, Features::Raw, "what else a window could be told depends on where it starts");
+        let windows = Windows::new(shape.layout(), shape.horizon);
+        Self { shape, windows, inputs: Vec::new(), by_heads: Vec::new() }
+    }
+
+    /// Adds the magnitude of each window's own gradient to `sums`: that of a scalar whose derivative by the acceleration `a`
+    /// that leads to step `t` is `by_accel(t, a)`.
+    pub fn add(
+        &mut self,
+        network: &Network<T>,
+        scaling: &Scaling,
+        event: &Event,
+        magnitude: Magnitude,
+        by_accel: impl Fn(usize, T) -> T,
+        sums: &mut [T],
+    ) {
+        let horizon = self.shape.horizon;
+        let limit = T::of(f64::from(self.shape.accel_limit_mps2));
+        let (mean, spread) = scaling.all::<T>();
+        let starts: Vec<usize> = (0..event.steps().saturating_sub(horizon)).collect();
+        for starts in starts.chunks(Windows::<T>::AT_ONCE) {
+            self.inputs.clear();
+            for step in 0..horizon {
+                for start in starts {
+                    let x = self.shape.features.of::<T>(&recorded_sight(event, start + step));
+                    self.inputs.extend((0..self.shape.features.inputs()).map(|k| (x[k] - mean[k]) / spread[k]));
+                }
+            }
+            self.by_heads.clear();
+            let heads = self.windows.forward(network, &self.inputs);
+            self.by_heads.extend(heads.iter().zip(starts).map(|(y, start)| {
+                let u = y.fast_tanh();
+                by_accel(start + horizon, limit * u) * limit * (T::one() - u * u)
+            }));
+            self.windows.add_magnitudes(network, &self.by_heads, magnitude, sums);
+        }
+    }
+}

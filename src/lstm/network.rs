@@ -1,0 +1,113 @@
+//! Weights, and the same weights arranged for the passes: once an update, not once a product.
+
+use super::encode::dot;
+use super::lanes::{Kernel, Lanes, Units, each_unit};
+use super::packed::Packed;
+use super::{Layout, Real, vectorised};
+
+/// A network's weights, ready to go forward and backward through events.
+#[derive(Debug, Clone)]
+pub struct Network<T> {
+    layout: Layout,
+    weights: Vec<T>,
+    /// The input weights transposed, inputs × gates.
+    input: Vec<T>,
+    /// The recurrent weights from a state to the gates.
+    pub(super) forward: Packed<T>,
+    /// The same from the gates' derivatives to the state's.
+    pub(super) backward: Packed<T>,
+}
+
+impl<T: Real> Network<T> {
+    /// A network of these weights.
+    ///
+    /// # Panics
+    /// When their number does not fit the layout.
+    #[must_use]
+    pub fn new(layout: Layout, weights: &[T]) -> Self {
+        let mut network =
+            Self { layout, weights: Vec::new(), input: Vec::new(), forward: Packed::new(), backward: Packed::new() };
+        network.set(weights);
+        network
+    }
+
+    /// Takes other weights.
+    ///
+    /// # Panics
+    /// When their number does not fit the layout.
+    pub fn set(&mut self, weights: &[T]) {
+        assert_eq!(weights.len(), self.layout.len(), "the weights fit the layout");
+        self.weights.clear();
+        self.weights.extend_from_slice(weights);
+        let (hidden, gates) = (self.layout.hidden, self.layout.gates());
+        let inputs = self.layout.inputs;
+        let input = &self.weights[self.layout.input()];
+        self.input.clear();
+        self.input.extend((0..inputs * gates).map(|at| input[(at % gates) * inputs + at / gates]));
+        let recurrent = &self.weights[self.layout.recurrent()];
+        self.forward.set(hidden, gates, |unit, gate| recurrent[gate * hidden + unit]);
+        self.backward.set(gates, hidden, |gate, unit| recurrent[gate * hidden + unit]);
+    }
+
+    /// Its layout.
+    #[must_use]
+    pub fn layout(&self) -> Layout {
+        self.layout
+    }
+
+    /// The flat vector.
+    #[must_use]
+    pub fn weights(&self) -> &[T] {
+        &self.weights
+    }
+
+    /// `projected = W_ih x + b`, one row for each row of inputs.
+    pub(super) fn project(&self, inputs: &[T], projected: &mut [T]) {
+        T::run(Project { network: self, inputs, projected });
+    }
+
+    /// `dx = W_ihᵀ dz`, one row for each row of derivatives by the gates' pre-activations.
+    pub(super) fn back_project(&self, dz: &[T], dx: &mut Vec<T>) {
+        let gates = self.layout.gates();
+        dx.clear();
+        vectorised(
+            #[inline(always)]
+            || {
+                for dz in dz.chunks_exact(gates) {
+                    dx.extend(self.input.chunks_exact(gates).map(|w| dot(w, dz)));
+                }
+            },
+        );
+    }
+}
+
+struct Project<'a, T> {
+    network: &'a Network<T>,
+    inputs: &'a [T],
+    projected: &'a mut [T],
+}
+
+impl<T: Real> Kernel<T> for Project<'_, T> {
+    #[inline(always)]
+    fn run<L: Lanes<Number = T>>(self, lanes: L) {
+        each_unit(self, lanes);
+    }
+}
+
+impl<T: Real> Units<T> for Project<'_, T> {
+    #[inline(always)]
+    fn size(&self) -> (usize, usize) {
+        (self.inputs.len() / self.network.layout.inputs, self.network.layout.gates())
+    }
+
+    #[inline(always)]
+    fn unit<L: Lanes<Number = T>>(&mut self, l: L, row: usize, gate: usize) {
+        let Network { layout, weights, input, .. } = self.network;
+        let mut sum = l.load(&weights[layout.bias()][gate..]);
+        let inputs = &self.inputs[row * layout.inputs..][..layout.inputs];
+        for (x, w) in inputs.iter().zip(input.chunks_exact(layout.gates())) {
+            sum = l.fma(l.load(&w[gate..]), l.splat(*x), sum);
+        }
+        l.store(&mut self.projected[row * layout.gates() + gate..], sum);
+    }
+}
