@@ -83,6 +83,25 @@ class CarFollowing(torch.nn.Module):
             h = torch.sigmoid(o) * torch.tanh(c)
         return torch.tanh(self.head(h))[:, 0] * self.accel_limit
 
+    def drive_carried(self, spacing, follower, leader):
+        """As `drive`, with one state carried along each event from its first step instead of a window's."""
+        n, steps = spacing.shape
+        h = c = torch.zeros(n, self.hidden)
+        v, s = follower[:, HORIZON - 1], spacing[:, HORIZON - 1]
+        out_s, out_v = [], []
+        for t in range(steps - 1):
+            now_v, now_s = (follower[:, t], spacing[:, t]) if t < HORIZON else (v, s)
+            x = torch.stack([now_v, leader[:, t], leader[:, t] - now_v, now_s], -1)
+            h, c = self.lstm((x - self.mean) / self.spread, (h, c))
+            if t >= HORIZON - 1:
+                accel = torch.tanh(self.head(h))[:, 0] * self.accel_limit
+                next_v = v + DT * accel
+                s = s + DT * ((leader[:, t] + leader[:, t + 1]) / 2 - (v + next_v) / 2)
+                v = next_v
+                out_s.append(s)
+                out_v.append(v)
+        return torch.stack(out_s, 1), torch.stack(out_v, 1)
+
     def drive(self, spacing, follower, leader):
         """Closed loop behind recorded leaders. Returns simulated spacing and speed, each (events, steps - HORIZON).
 
@@ -110,9 +129,9 @@ class CarFollowing(torch.nn.Module):
         return torch.stack(out_s, 1), torch.stack(out_v, 1)
 
 
-def task_loss(model, events, idx):
+def task_loss(model, events, idx, carried=False):
     spacing, follower, leader = (x[idx] for x in events)
-    s, v = model.drive(spacing, follower, leader)
+    s, v = (model.drive_carried if carried else model.drive)(spacing, follower, leader)
     mse = ((s - spacing[:, HORIZON:]) ** 2).mean() + ((v - follower[:, HORIZON:]) ** 2).mean()
     return mse + 1000 * torch.relu(-s).mean() + 1000 * torch.relu(-v).mean()
 

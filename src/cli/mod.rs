@@ -1,5 +1,7 @@
 //! The command line. One module per subcommand; without one, `headway` serves.
 
+/// How fast it is.
+mod bench;
 /// The whole main job, shown.
 mod demo;
 /// Event files.
@@ -29,6 +31,8 @@ enum Command {
     Demo(demo::DemoArguments),
     /// Repeat the paper's experiment on event files: methods learned task by task, tables, intervals, figures.
     Reproduce(reproduce::ReproduceArguments),
+    /// Measure how fast this machine learns and answers.
+    Bench(bench::BenchArguments),
 }
 
 /// Reads the command line and does what it says.
@@ -41,5 +45,6 @@ pub fn run() -> anyhow::Result<()> {
         Command::Serve(arguments) => serve::run(&arguments),
         Command::Demo(arguments) => demo::run(&arguments),
         Command::Reproduce(arguments) => reproduce::run(&arguments),
+        Command::Bench(arguments) => bench::run(&arguments),
     }
 }
