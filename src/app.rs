@@ -6,8 +6,10 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use anyhow::Context;
+use axum::serve::ListenerExt;
 use jiff::Timestamp;
 use tokio::net::TcpListener;
+use tokio::runtime::Runtime;
 use tokio::sync::{Semaphore, watch};
 use tokio::task::JoinHandle;
 use tokio::time::{Instant, timeout_at};
@@ -15,7 +17,7 @@ use tokio::time::{Instant, timeout_at};
 use crate::config::Config;
 use crate::http::{AppState, Evaluator, InFlight, RequestIds, router, tally};
 use crate::predictor::{Predictor, TrialSettings};
-use crate::scheduler::{Scheduler, Training};
+use crate::scheduler::{Scheduler, Training, step_back};
 use crate::store::Store;
 use crate::telemetry::Metrics;
 
@@ -33,11 +35,12 @@ pub async fn serve(
     let drain = Duration::from_secs_f64(config.server.drain_s);
     let database = config.database.path.clone();
     let (stop, stopping) = watch::channel(false);
+    let background = Background::start()?;
     let state = assemble(config, stopping.clone()).await?;
     let scheduler = state.scheduler.clone();
     let store = Arc::clone(&state.store);
     let address = listener.local_addr().context("the listener has no address")?;
-    let mut parts = Parts::start(listener, state, stopping);
+    let mut parts = Parts::start(listener, state, stopping, &background);
     tracing::info!(%address, database = %database.display(), "serving");
     ready(address).context("cannot say where the server listens")?;
     tokio::select! {
@@ -69,6 +72,7 @@ async fn assemble(config: Config, stopping: watch::Receiver<bool>) -> anyhow::Re
     let predictor = Arc::new(Predictor::new(Arc::clone(&store), config.predict));
     predictor.load_all().await?;
     let learner = Box::new(Training);
+    let niceness = config.training.niceness;
     let scheduler =
         Scheduler::new(config.training, Arc::clone(&store), Arc::clone(&predictor), learner, Timestamp::now)?;
     scheduler.take_over().await?;
@@ -80,7 +84,7 @@ async fn assemble(config: Config, stopping: watch::Receiver<bool>) -> anyhow::Re
         upload_slots: slots(config.server.concurrent_uploads),
         prediction_slots: slots(config.server.concurrent_predictions),
         evaluation_slots: slots(config.server.concurrent_evaluations),
-        evaluator: evaluator(config.evaluate)?,
+        evaluator: evaluator(config.evaluate, niceness)?,
         stream_slots: slots(config.server.concurrent_streams),
         ingest: config.ingest,
         settings: config.server,
@@ -92,10 +96,34 @@ async fn assemble(config: Config, stopping: watch::Receiver<bool>) -> anyhow::Re
     }))
 }
 
-fn evaluator(settings: TrialSettings) -> anyhow::Result<Arc<Evaluator>> {
-    let workers =
-        rayon::ThreadPoolBuilder::new().num_threads(settings.threads).thread_name(|n| format!("evaluate-{n}"));
+fn evaluator(settings: TrialSettings, niceness: u8) -> anyhow::Result<Arc<Evaluator>> {
+    let workers = rayon::ThreadPoolBuilder::new()
+        .num_threads(settings.threads)
+        .start_handler(move |_| step_back(niceness))
+        .thread_name(|n| format!("evaluate-{n}"));
     Ok(Arc::new(Evaluator { workers: workers.build()?, settings }))
+}
+
+/// A runtime apart from the one that answers: whatever a task does, from loading its events to writing its version, happens
+/// here, so that no request waits behind it.
+struct Background(Option<Runtime>);
+
+impl Background {
+    fn start() -> std::io::Result<Self> {
+        let mut runtime = tokio::runtime::Builder::new_multi_thread();
+        Ok(Self(Some(runtime.worker_threads(1).thread_name("background").enable_all().build()?)))
+    }
+
+    fn spawn(&self, work: impl Future<Output = ()> + Send + 'static) -> JoinHandle<()> {
+        self.0.as_ref().expect("there until it is dropped").spawn(work)
+    }
+}
+
+impl Drop for Background {
+    fn drop(&mut self) {
+        // What still computes is not waited for.
+        self.0.take().expect("dropped once").shutdown_background();
+    }
 }
 
 /// What runs beside each other.
@@ -106,16 +134,26 @@ struct Parts {
 }
 
 impl Parts {
-    fn start(listener: TcpListener, state: Arc<AppState>, mut stopping: watch::Receiver<bool>) -> Self {
-        let scheduler = state.scheduler.clone();
+    fn start(
+        listener: TcpListener,
+        state: Arc<AppState>,
+        mut stopping: watch::Receiver<bool>,
+        background: &Background,
+    ) -> Self {
+        let (scheduler, metrics) = (state.scheduler.clone(), state.metrics.clone());
+        background.spawn(tidied(metrics));
+        let listener = listener.tap_io(|connection| {
+            // An answer is written at once and whole; waiting for more to send with it only delays it.
+            let _ = connection.set_nodelay(true);
+        });
         let server = axum::serve(listener, router(Arc::clone(&state))).with_graceful_shutdown(async move {
             // A sender that is gone stops the server too.
             let _ = stopping.wait_for(|&stop| stop).await;
         });
         Self {
             server: tokio::spawn(server.into_future()),
-            training: tokio::spawn(async move { scheduler.run().await }),
-            tally: tokio::spawn(tally::run(state)),
+            training: background.spawn(async move { scheduler.run().await }),
+            tally: background.spawn(tally::run(state)),
         }
     }
 
@@ -129,5 +167,85 @@ impl Parts {
             self.server.abort();
         }
         self.tally.abort();
+    }
+}
+
+/// Keeps the metrics from growing with every request where nobody reads them.
+async fn tidied(metrics: Metrics) {
+    let mut every = tokio::time::interval(Duration::from_secs(1));
+    loop {
+        every.tick().await;
+        metrics.tidy();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use axum::Router;
+    use axum::body::{Body, to_bytes};
+    use axum::http::header::CONTENT_TYPE;
+    use axum::http::{Request, Response};
+    use serde_json::{Value, json};
+    use tower::ServiceExt;
+
+    use super::*;
+    use crate::config::Layer;
+
+    async fn post(router: &Router, path: &str, body: &Value) -> (u16, Value) {
+        let request = Request::post(path).header(CONTENT_TYPE, "application/json").body(Body::from(body.to_string()));
+        answered(router.clone().oneshot(request.unwrap()).await.unwrap()).await
+    }
+
+    async fn answered(response: Response<Body>) -> (u16, Value) {
+        let status = response.status().as_u16();
+        let body = to_bytes(response.into_body(), usize::MAX).await.unwrap();
+        (status, serde_json::from_slice(&body).unwrap())
+    }
+
+    /// A server whose model `default` has learned something small.
+    async fn learned(directory: &tempfile::TempDir) -> (Arc<AppState>, Router) {
+        let settings = "[model]\nhidden = 3\nhorizon = 5\nepochs = 1\nschedule = \"manual\"\npromotion = \"auto\"";
+        let database = directory.path().join("headway.db");
+        let layers = [
+            Layer::text("tests", settings).unwrap(),
+            Layer::string("tests", "database.path", database.to_str().unwrap()),
+            Layer::string("tests", "ingest.spool_folder", directory.path().to_str().unwrap()),
+        ];
+        // Nobody looks at it here.
+        let (_, stopping) = watch::channel(false);
+        let state = assemble(Config::resolve(layers).unwrap(), stopping).await.unwrap();
+        let router = router(Arc::clone(&state));
+        let event = |speed: f64| {
+            let same = |value| vec![value; 30];
+            json!({"event_id": speed.to_string(), "split": "train", "dt_s": 0.1, "spacing_m": same(20.0),
+                   "follower_speed_mps": same(speed), "leader_speed_mps": same(speed)})
+        };
+        let events = json!({"events": [event(8.0), event(9.0), event(10.0)]});
+        assert_eq!(post(&router, "/v1/models/default/batches", &events).await.0, 201);
+        assert_eq!(post(&router, "/v1/models/default/tasks", &json!({"batches": "pending"})).await.0, 202);
+        state.scheduler.tick().await.unwrap();
+        state.scheduler.settled().await;
+        (state, router)
+    }
+
+    #[tokio::test]
+    async fn a_prediction_by_what_is_live_asks_the_database_nothing() {
+        let directory = tempfile::tempdir().unwrap();
+        let (state, router) = learned(&directory).await;
+        let window =
+            json!({"follower_speed_mps": vec![9; 5], "leader_speed_mps": vec![9; 5], "spacing_m": vec![20; 5]});
+        let predict = async |version: Value| {
+            let body = json!({"windows": [&window], "version": version});
+            post(&router, "/v1/models/default/predict", &body).await
+        };
+        let before = predict(Value::Null).await;
+        assert_eq!(before.0, 200, "{}", before.1);
+        state.store.close().await;
+        assert_eq!(predict(Value::Null).await, before);
+        assert_eq!(predict(json!(1)).await, before);
+        let simulate = json!({"initial": window, "leader_speed_mps": vec![9.0; 20]});
+        assert_eq!(post(&router, "/v1/models/default/simulate", &simulate).await.0, 200);
+        let listed = router.clone().oneshot(Request::get("/v1/models/default").body(Body::empty()).unwrap()).await;
+        assert_eq!(answered(listed.unwrap()).await.0, 500, "the database is closed");
     }
 }

@@ -1,9 +1,13 @@
 //! Logs to stderr, and metrics for `/metrics`.
 
-use std::sync::Arc;
+use std::collections::HashMap;
+use std::hash::Hash;
+use std::sync::{Arc, PoisonError, RwLock};
 use std::time::Duration;
 
-use metrics::{Unit, counter, describe_counter, describe_gauge, describe_histogram, gauge, histogram};
+use metrics::{
+    Counter, Histogram, Unit, counter, describe_counter, describe_gauge, describe_histogram, gauge, histogram,
+};
 use metrics_exporter_prometheus::{PrometheusBuilder, PrometheusHandle, PrometheusRecorder};
 use serde::{Deserialize, Serialize};
 use tracing_subscriber::EnvFilter;
@@ -49,6 +53,36 @@ pub fn start_logging(settings: &LogSettings) -> Result<(), tracing_subscriber::f
 pub struct Metrics {
     recorder: Arc<PrometheusRecorder>,
     handle: PrometheusHandle,
+    /// Of every route, by method and status.
+    answered: Arc<Kept<(&'static str, u16), Answered>>,
+    /// Of every model, by version and kind.
+    predicted: Arc<Kept<(i64, &'static str), Counter>>,
+}
+
+/// How often, and how long each took.
+type Answered = (Counter, Histogram);
+
+/// Metrics that are counted so often that looking them up by their labels would be felt.
+struct Kept<K, V>(RwLock<HashMap<String, HashMap<K, V>>>);
+
+impl<K, V> Default for Kept<K, V> {
+    fn default() -> Self {
+        Self(RwLock::default())
+    }
+}
+
+impl<K: Hash + Eq, V: Clone> Kept<K, V> {
+    /// The one of this name and key, made when it is the first time.
+    fn get(&self, name: &str, key: K, make: impl FnOnce() -> V) -> V {
+        let known = self.0.read().unwrap_or_else(PoisonError::into_inner);
+        if let Some(found) = known.get(name).and_then(|of_name| of_name.get(&key)) {
+            return found.clone();
+        }
+        drop(known);
+        let made = make();
+        let mut known = self.0.write().unwrap_or_else(PoisonError::into_inner);
+        known.entry(name.to_owned()).or_default().entry(key).or_insert(made).clone()
+    }
 }
 
 impl std::fmt::Debug for Metrics {
@@ -68,7 +102,8 @@ impl Default for Metrics {
             .expect("buckets are not empty")
             .build_recorder();
         let handle = recorder.handle();
-        let metrics = Self { recorder: Arc::new(recorder), handle };
+        let metrics =
+            Self { recorder: Arc::new(recorder), handle, answered: Arc::default(), predicted: Arc::default() };
         metrics.with(describe);
         metrics
     }
@@ -96,19 +131,32 @@ impl Metrics {
         self.handle.render()
     }
 
+    /// Puts recorded durations into their buckets. Until then each is kept by itself: to be called now and then, whether
+    /// or not anybody reads.
+    pub fn tidy(&self) {
+        self.handle.run_upkeep();
+    }
+
     /// A request was answered.
-    pub fn http_request(&self, route: &str, method: &str, status: u16, elapsed_s: f64) {
-        let labels = [("route", route.to_owned()), ("method", method.to_owned()), ("status", status.to_string())];
-        self.with(|| {
-            counter!("headway_http_requests_total", &labels).increment(1);
-            histogram!("headway_http_request_duration_seconds", &labels).record(elapsed_s);
+    pub fn http_request(&self, route: &str, method: &'static str, status: u16, elapsed_s: f64) {
+        let (answers, durations) = self.answered.get(route, (method, status), || {
+            let labels = [("route", route.to_owned()), ("method", method.to_owned()), ("status", status.to_string())];
+            self.with(|| {
+                let answers = counter!("headway_http_requests_total", &labels);
+                (answers, histogram!("headway_http_request_duration_seconds", &labels))
+            })
         });
+        answers.increment(1);
+        durations.record(elapsed_s);
     }
 
     /// Windows were predicted, or a simulation was driven.
     pub fn predictions(&self, model: &str, version: i64, kind: &'static str, count: u64) {
-        let labels = [("model", model.to_owned()), ("version", version.to_string()), ("kind", kind.to_owned())];
-        self.with(|| counter!("headway_predictions_total", &labels).increment(count));
+        let predictions = self.predicted.get(model, (version, kind), || {
+            let labels = [("model", model.to_owned()), ("version", version.to_string()), ("kind", kind.to_owned())];
+            self.with(|| counter!("headway_predictions_total", &labels))
+        });
+        predictions.increment(count);
     }
 
     /// An upload ended.
@@ -146,8 +194,8 @@ impl Metrics {
     }
 
     /// Records into this server's metrics, not into a recorder of the process.
-    fn with(&self, record: impl FnOnce()) {
-        metrics::with_local_recorder(&*self.recorder, record);
+    fn with<T>(&self, record: impl FnOnce() -> T) -> T {
+        metrics::with_local_recorder(&*self.recorder, record)
     }
 }
 

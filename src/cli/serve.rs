@@ -65,7 +65,11 @@ pub(super) fn run(arguments: &ServeArguments) -> anyhow::Result<()> {
     }
     let config = arguments.resolve()?;
     telemetry::start_logging(&config.log).context("log.filter")?;
-    let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
+    let mut runtime = tokio::runtime::Builder::new_multi_thread();
+    if config.server.threads > 0 {
+        runtime.worker_threads(config.server.threads);
+    }
+    let runtime = runtime.enable_all().build()?;
     let served = runtime.block_on(async {
         let listen = config.server.listen;
         let listener = TcpListener::bind(listen).await.with_context(|| format!("cannot listen on {listen}"))?;

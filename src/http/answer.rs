@@ -53,6 +53,17 @@ impl Answer {
     }
 }
 
+/// A 200 with `body` as JSON that nobody keeps.
+///
+/// # Panics
+/// When `body` does not serialize; bodies of the interface do.
+pub(super) fn ok_json<T: Serialize>(body: &T) -> Response {
+    let bytes = serde_json::to_vec(body).expect("bodies of the interface serialize");
+    let mut response = HttpResponse::new(Body::from(bytes));
+    response.headers_mut().insert(CONTENT_TYPE, HeaderValue::from_static("application/json"));
+    response
+}
+
 impl From<StoredAnswer> for Answer {
     /// A stored answer, marked as replayed.
     fn from(stored: StoredAnswer) -> Self {

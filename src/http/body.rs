@@ -18,6 +18,10 @@ use super::problem::{Code, InputError, Problem};
 
 /// A JSON body, read and understood.
 #[derive(Debug)]
+pub(super) struct Json<T>(pub(super) T);
+
+/// A JSON body whose request may be repeated.
+#[derive(Debug)]
 pub(super) struct JsonBody<T> {
     /// What it says.
     pub value: T,
@@ -25,31 +29,45 @@ pub(super) struct JsonBody<T> {
     pub request_sha256: [u8; 32],
 }
 
+impl<T: DeserializeOwned + Send + 'static> FromRequest<Arc<AppState>> for Json<T> {
+    type Rejection = Problem;
+
+    async fn from_request(request: Request, app: &Arc<AppState>) -> Result<Self, Problem> {
+        parse_somewhere(read(request, app).await?).await.map(Self)
+    }
+}
+
 impl<T: DeserializeOwned + Send + 'static> FromRequest<Arc<AppState>> for JsonBody<T> {
     type Rejection = Problem;
 
     async fn from_request(request: Request, app: &Arc<AppState>) -> Result<Self, Problem> {
-        if !is_json(request.headers()) {
-            return Err(Code::UnsupportedMediaType.because("this call takes application/json"));
-        }
-        let limit = app.settings.json_body_bytes;
-        refuse_declared_excess(request.headers(), limit)?;
         let query = request.uri().query().unwrap_or_default().to_owned();
-        let mut chunks = std::pin::pin!(timed(request.into_body(), app.settings.body_idle_s));
-        let mut bytes = Vec::new();
-        while let Some(chunk) = chunks.next().await {
-            let chunk = chunk?;
-            if u64::try_from(bytes.len() + chunk.len()).unwrap_or(u64::MAX) > limit {
-                return Err(too_large(limit));
-            }
-            bytes.extend_from_slice(&chunk);
-        }
+        let bytes = read(request, app).await?;
         let mut hasher = Sha256::new();
         hasher.update(query.as_bytes());
         hasher.update([0]);
         hasher.update(&bytes);
         Ok(Self { value: parse_somewhere(bytes).await?, request_sha256: hasher.finalize().into() })
     }
+}
+
+/// The whole of a JSON body, within `json_body_bytes`.
+async fn read(request: Request, app: &AppState) -> Result<Vec<u8>, Problem> {
+    if !is_json(request.headers()) {
+        return Err(Code::UnsupportedMediaType.because("this call takes application/json"));
+    }
+    let limit = app.settings.json_body_bytes;
+    refuse_declared_excess(request.headers(), limit)?;
+    let mut chunks = std::pin::pin!(timed(request.into_body(), app.settings.body_idle_s));
+    let mut bytes = Vec::new();
+    while let Some(chunk) = chunks.next().await {
+        let chunk = chunk?;
+        if u64::try_from(bytes.len() + chunk.len()).unwrap_or(u64::MAX) > limit {
+            return Err(too_large(limit));
+        }
+        bytes.extend_from_slice(&chunk);
+    }
+    Ok(bytes)
 }
 
 /// The chunks of a body, refusing one that stalls or breaks off.
@@ -103,7 +121,16 @@ async fn parse_somewhere<T: DeserializeOwned + Send + 'static>(bytes: Vec<u8>) -
     tokio::task::spawn_blocking(move || parse(&bytes)).await.map_err(Problem::internal)?
 }
 
+/// Keeping track of where in the body something is takes longer than to read it: done only once something is wrong.
 fn parse<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, Problem> {
+    match serde_json::from_slice(bytes) {
+        Ok(Object(value)) => Ok(value),
+        Err(_) => explain(bytes),
+    }
+}
+
+/// As [`parse`], and what is wrong is pointed at.
+fn explain<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, Problem> {
     let mut deserializer = serde_json::Deserializer::from_slice(bytes);
     let Object(value) = serde_path_to_error::deserialize(&mut deserializer).map_err(|e| {
         let pointer = pointer(e.path());

@@ -6,14 +6,18 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
 
 use axum::extract::{FromRequestParts, MatchedPath, Request, State};
+use axum::http::Method;
 use axum::http::header::{ACCEPT, HeaderMap, HeaderName, HeaderValue};
 use axum::http::request::Parts;
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
-use tracing::Instrument;
+use tracing::{Instrument, Span};
 
 use super::AppState;
 use super::problem::{Code, Problem, RequestContext};
+
+/// Routes that may be called thousands of times a second: unless something is wrong, their log lines are for `debug`.
+const OFTEN: [&str; 2] = ["/v1/models/{model}/predict", "/v1/models/{model}/simulate"];
 
 const REQUEST_ID: HeaderName = HeaderName::from_static("x-request-id");
 
@@ -59,21 +63,43 @@ pub(super) async fn observe(State(app): State<Arc<AppState>>, mut request: Reque
     let context =
         RequestContext { request_id: app.request_ids.of(request.headers()), path: request.uri().path().to_owned() };
     let method = request.method().clone();
-    let matched = request.extensions().get::<MatchedPath>().map(|route| route.as_str().to_owned());
-    let route = matched.unwrap_or_else(|| "unmatched".to_owned());
+    let matched = request.extensions().get::<MatchedPath>().cloned();
+    let route = matched.as_ref().map_or("unmatched", MatchedPath::as_str);
     request.extensions_mut().insert(context.clone());
-    let span = tracing::info_span!("request", request_id = context.request_id, %method, path = context.path);
-    let response = match acceptable(request.headers(), &route) {
-        Ok(()) => next.run(request).instrument(span.clone()).await,
+    let often = OFTEN.contains(&route);
+    let span = || tracing::info_span!("request", request_id = context.request_id, %method, path = context.path);
+    let told = if often && !tracing::enabled!(tracing::Level::DEBUG) { Span::none() } else { span() };
+    let response = match acceptable(request.headers(), route) {
+        Ok(()) => next.run(request).instrument(told.clone()).await,
         Err(problem) => problem.into_response(),
     };
-    let mut response = render(response, &context, &span);
+    let well = response.status().is_success();
+    let told = if told.is_none() && !well { span() } else { told };
+    let mut response = render(response, &context, &told);
     let id = HeaderValue::try_from(&context.request_id).expect("request ids are ASCII");
     response.headers_mut().insert(REQUEST_ID, id);
-    let elapsed_s = began.elapsed().as_secs_f64();
-    app.metrics.http_request(&route, method.as_str(), response.status().as_u16(), elapsed_s);
-    span.in_scope(|| tracing::info!(status = response.status().as_u16(), elapsed_s, "answered"));
+    let (status, elapsed_s) = (response.status().as_u16(), began.elapsed().as_secs_f64());
+    app.metrics.http_request(route, counted(&method), status, elapsed_s);
+    if often && well {
+        told.in_scope(|| tracing::debug!(status, elapsed_s, "answered"));
+    } else {
+        told.in_scope(|| tracing::info!(status, elapsed_s, "answered"));
+    }
     response
+}
+
+/// A method as the metrics know it: clients may make up others, and each would be counted for ever.
+fn counted(method: &Method) -> &'static str {
+    match *method {
+        Method::GET => "GET",
+        Method::HEAD => "HEAD",
+        Method::POST => "POST",
+        Method::PUT => "PUT",
+        Method::PATCH => "PATCH",
+        Method::DELETE => "DELETE",
+        Method::OPTIONS => "OPTIONS",
+        _ => "other",
+    }
 }
 
 fn render(mut response: Response, context: &RequestContext, span: &tracing::Span) -> Response {

@@ -128,7 +128,7 @@ fn unusable(parameter: &'static str, detail: String) -> Problem {
 
 fn refusal(model: &Model, error: PredictError) -> Problem {
     match error {
-        PredictError::UnknownVersion(version) => versions::missing(model, version),
+        PredictError::UnknownVersion(version) => versions::missing(model.name.as_str(), version),
         PredictError::Store(error) => error.into(),
         error => Problem::internal(error),
     }

@@ -44,6 +44,26 @@ pub(super) async fn find_model(app: &AppState, name: &str) -> Result<Model, Prob
     app.store.model(&name).await?.ok_or_else(missing)
 }
 
+/// The model a path names, where all that matters is what of it serves: found without the database once something does.
+#[derive(Debug)]
+pub(super) struct ServedAt {
+    pub(super) model_id: i64,
+    pub(super) name: String,
+}
+
+impl FromRequestParts<Arc<AppState>> for ServedAt {
+    type Rejection = Problem;
+
+    async fn from_request_parts(parts: &mut Parts, app: &Arc<AppState>) -> Result<Self, Problem> {
+        let name = parameter(parts, "model").await?;
+        let model_id = match app.predictor.serving(&name) {
+            Some(model_id) => model_id,
+            None => find_model(app, &name).await?.model_id,
+        };
+        Ok(Self { model_id, name })
+    }
+}
+
 macro_rules! id_at {
     ($type:ident, $parameter:literal, $letter:literal, $code:ident) => {
         impl FromRequestParts<Arc<AppState>> for $type {

@@ -3,18 +3,18 @@
 use std::sync::Arc;
 
 use axum::extract::State;
+use axum::response::Response;
 use serde::{Deserialize, Serialize};
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 
 use super::AppState;
-use super::answer::Answer;
-use super::body::JsonBody;
+use super::answer::ok_json;
+use super::body::Json;
 use super::object::Object;
-use super::path::ModelAt;
+use super::path::ServedAt;
 use super::problem::{Code, InputError, Problem};
 use super::versions;
 use crate::driver::Window;
-use crate::lineage::{Model, ModelName};
 use crate::predictor::{PredictError, Prediction, Simulated};
 
 /// Greatest number taken, m or m/s: absurd on a road, and what the network makes of it is finite.
@@ -48,14 +48,14 @@ pub(super) struct SimulateBody {
 
 #[derive(Debug, Serialize)]
 struct Predicted<'a> {
-    model: &'a ModelName,
+    model: &'a str,
     version: i64,
     predictions: Vec<Prediction>,
 }
 
 #[derive(Debug, Serialize)]
 struct Simulation<'a> {
-    model: &'a ModelName,
+    model: &'a str,
     version: i64,
     #[serde(flatten)]
     drive: Simulated,
@@ -117,8 +117,11 @@ fn narrowed(values: &[f64]) -> Vec<f32> {
 }
 
 fn slot(slots: &Arc<Semaphore>) -> Result<OwnedSemaphorePermit, Problem> {
-    let full = "as many predictions as the server computes at once are under way";
-    Arc::clone(slots).try_acquire_owned().map_err(|_| Problem::busy(Code::Busy, full))
+    Arc::clone(slots).try_acquire_owned().map_err(|_| busy())
+}
+
+fn busy() -> Problem {
+    Problem::busy(Code::Busy, "as many predictions as the server takes at once are under way")
 }
 
 fn too_many(pointer: &str, found: usize, most: usize) -> Problem {
@@ -129,14 +132,15 @@ fn too_many(pointer: &str, found: usize, most: usize) -> Problem {
 /// `POST /v1/models/{model}/predict`
 pub(super) async fn predict(
     State(app): State<Arc<AppState>>,
-    ModelAt(model): ModelAt,
-    JsonBody { value: body, .. }: JsonBody<PredictBody>,
-) -> Result<Answer, Problem> {
+    model: ServedAt,
+    Json(body): Json<PredictBody>,
+) -> Result<Response, Problem> {
     let most = app.settings.predict_windows_max;
     if !(1..=most).contains(&body.windows.len()) {
         return Err(too_many("/windows", body.windows.len(), most));
     }
-    let _slot = slot(&app.prediction_slots)?;
+    let long = body.windows.len() > app.predictor.settings().inline_windows;
+    let _slot = if long { Some(slot(&app.prediction_slots)?) } else { None };
     let loaded = app.predictor.version(model.model_id, body.version).await.map_err(|e| refusal(&model, e))?;
     let mut defects = Defects { most: app.settings.errors_max, found: Vec::new() };
     for (at, Object(window)) in body.windows.iter().enumerate() {
@@ -150,16 +154,16 @@ pub(super) async fn predict(
     if predictions.iter().any(|p| !p.accel_mps2.is_finite() || !p.raw_accel_mps2.is_finite()) {
         return Err(Problem::internal(format!("version {version} predicts a number that is not finite")));
     }
-    app.metrics.predictions(model.name.as_str(), version, "predict", count as u64);
-    Ok(Answer::ok(&Predicted { model: &model.name, version, predictions }))
+    app.metrics.predictions(&model.name, version, "predict", count as u64);
+    Ok(ok_json(&Predicted { model: &model.name, version, predictions }))
 }
 
 /// `POST /v1/models/{model}/simulate`
 pub(super) async fn simulate(
     State(app): State<Arc<AppState>>,
-    ModelAt(model): ModelAt,
-    JsonBody { value: body, .. }: JsonBody<SimulateBody>,
-) -> Result<Answer, Problem> {
+    model: ServedAt,
+    Json(body): Json<SimulateBody>,
+) -> Result<Response, Problem> {
     let most = app.settings.simulate_steps_max;
     if !(1..=most).contains(&body.leader_speed_mps.len()) {
         return Err(too_many("/leader_speed_mps", body.leader_speed_mps.len(), most));
@@ -177,14 +181,15 @@ pub(super) async fn simulate(
     if arrays.into_iter().flatten().any(|value| !value.is_finite()) {
         return Err(Problem::internal(format!("version {version} drives to a number that is not finite")));
     }
-    app.metrics.predictions(model.name.as_str(), version, "simulate", 1);
-    Ok(Answer::ok(&Simulation { model: &model.name, version, drive }))
+    app.metrics.predictions(&model.name, version, "simulate", 1);
+    Ok(ok_json(&Simulation { model: &model.name, version, drive }))
 }
 
-fn refusal(model: &Model, error: PredictError) -> Problem {
+fn refusal(model: &ServedAt, error: PredictError) -> Problem {
     match error {
         PredictError::NoLiveVersion => Code::NoLiveVersion.because(format!("nothing of {} serves yet", model.name)),
-        PredictError::UnknownVersion(version) => versions::missing(model, version),
+        PredictError::UnknownVersion(version) => versions::missing(&model.name, version),
+        PredictError::Busy => busy(),
         PredictError::Store(error) => error.into(),
         // Windows are checked above, with pointers; what the predictor still refuses is a bug here.
         error => Problem::internal(error),

@@ -124,7 +124,7 @@ async fn make_move(
 
 fn refusal(model: &Model, refused: MoveRefused) -> Problem {
     match refused {
-        MoveRefused::UnknownVersion(version) => versions::missing(model, version),
+        MoveRefused::UnknownVersion(version) => versions::missing(model.name.as_str(), version),
         MoveRefused::NothingLive => Code::NoLiveVersion.because(refused.to_string()),
         MoveRefused::NoParent(_) => Code::NoParentVersion.because(refused.to_string()),
     }

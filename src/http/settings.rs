@@ -11,13 +11,15 @@ use serde::{Deserialize, Serialize};
 pub struct ServerSettings {
     /// Address and port; port 0 picks a free one.
     pub listen: SocketAddr,
+    /// Threads that answer requests; 0 takes one a core.
+    pub threads: usize,
     /// Largest JSON body of a call other than an upload, bytes.
     pub json_body_bytes: u64,
     /// A body of which nothing comes for so long is given up, s.
     pub body_idle_s: f64,
     /// Uploads received and stored at once.
     pub concurrent_uploads: usize,
-    /// Prediction and simulation requests computed at once.
+    /// Simulations, and predictions too large to wait for company, computed at once.
     pub concurrent_predictions: usize,
     /// Evaluations on events that are not kept, computed at once.
     pub concurrent_evaluations: usize,
@@ -61,8 +63,9 @@ impl ServerSettings {
 
     /// Every number, and the range it must lie in.
     #[must_use]
-    pub fn numbers(&self) -> [(&'static str, f64, RangeInclusive<f64>); 15] {
+    pub fn numbers(&self) -> [(&'static str, f64, RangeInclusive<f64>); 16] {
         [
+            ("threads", self.threads as f64, 0.0..=1024.0),
             ("json_body_bytes", self.json_body_bytes as f64, 1.0..=1e9),
             ("body_idle_s", self.body_idle_s, 0.01..=86_400.0),
             ("concurrent_uploads", self.concurrent_uploads as f64, 1.0..=10_000.0),

@@ -55,13 +55,13 @@ fn body(model: &Model, version: &Version) -> Value {
 }
 
 /// A 404 for a version the model does not have.
-pub(super) fn missing(model: &Model, version: i64) -> Problem {
-    Code::VersionNotFound.because(format!("{} has no version {version}", model.name))
+pub(super) fn missing(model: &str, version: i64) -> Problem {
+    Code::VersionNotFound.because(format!("{model} has no version {version}"))
 }
 
 /// The version of this number.
 pub(super) async fn find(app: &AppState, model: &Model, version: i64) -> Result<Version, Problem> {
-    app.store.version(model.model_id, version).await?.ok_or_else(|| missing(model, version))
+    app.store.version(model.model_id, version).await?.ok_or_else(|| missing(model.name.as_str(), version))
 }
 
 /// `GET /v1/models/{model}/versions`
@@ -98,7 +98,7 @@ pub(super) async fn annotate(
     }
     let mut tx = app.store.begin().await?;
     if !version::set_note(&mut tx, model.model_id, version, note.as_deref(), Timestamp::now()).await? {
-        return Err(missing(&model, version));
+        return Err(missing(model.name.as_str(), version));
     }
     tx.commit().await.map_err(Problem::internal)?;
     Ok(Answer::ok(&body(&model, &find(&app, &model, version).await?)))

@@ -36,6 +36,9 @@ pub enum PredictError {
         /// The step.
         step: usize,
     },
+    /// As much waits as may.
+    #[error("as many windows as may wait to be computed do")]
+    Busy,
     /// The database failed.
     #[error(transparent)]
     Store(#[from] StoreError),

@@ -144,7 +144,7 @@ impl super::Predictor {
     /// As there.
     pub async fn predict(&self, loaded: Arc<Loaded>, windows: Vec<Window>) -> Result<Vec<Prediction>, PredictError> {
         if windows.len() <= self.settings.inline_windows {
-            return loaded.predict(&windows);
+            return self.company.predict(loaded, windows).await;
         }
         let answers = tokio::task::spawn_blocking(move || loaded.predict(&windows));
         answers.await.map_err(|_| PredictError::Panicked)?

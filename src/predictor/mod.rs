@@ -3,6 +3,7 @@
 //! A request takes one loaded version and keeps it to its end, so that a swap neither drops nor mixes requests.
 
 mod answer;
+mod company;
 mod error;
 mod loaded;
 mod recent;
@@ -24,6 +25,7 @@ pub use settings::{PredictorSettings, TrialSettings};
 pub use trial::{Scope, Trial, TriedReference, TriedRegime, TriedVersion};
 
 use crate::store::Store;
+use company::Company;
 use recent::Recent;
 
 /// What serves for a model.
@@ -34,16 +36,26 @@ enum Live {
     Unusable(i64),
 }
 
+/// The models that serve. Swapped as a whole, so that a request reads it without a lock and never sees half a change.
+#[derive(Debug, Clone, Default)]
+struct Directory {
+    /// By name.
+    ids: BTreeMap<String, i64>,
+    /// By id.
+    live: BTreeMap<i64, Live>,
+}
+
 /// Serves every model's live version, and named ones.
 #[derive(Debug)]
 pub struct Predictor {
     store: Arc<Store>,
     settings: PredictorSettings,
-    live: ArcSwap<BTreeMap<i64, Live>>,
+    directory: ArcSwap<Directory>,
     recent: Mutex<Recent>,
+    company: Arc<Company>,
     /// Whether all live versions were looked for at start-up.
     started: AtomicBool,
-    /// One change of `live` at a time, so that a slow one cannot bring back an older version.
+    /// One change of the directory at a time, so that a slow one cannot bring back an older version.
     refreshing: tokio::sync::Mutex<()>,
 }
 
@@ -52,11 +64,13 @@ impl Predictor {
     #[must_use]
     pub fn new(store: Arc<Store>, settings: PredictorSettings) -> Self {
         let recent = Mutex::new(Recent::new(settings.named_versions));
+        let company = Arc::new(Company::new(settings.waiting_windows));
         Self {
             store,
             settings,
-            live: ArcSwap::default(),
+            directory: ArcSwap::default(),
             recent,
+            company,
             started: AtomicBool::new(false),
             refreshing: tokio::sync::Mutex::new(()),
         }
@@ -77,33 +91,42 @@ impl Predictor {
     /// Whether every live version, if any, is loaded.
     #[must_use]
     pub fn ready(&self) -> bool {
-        self.started.load(Ordering::Acquire) && self.live.load().values().all(|live| matches!(live, Live::Loaded(_)))
+        let loaded = |live: &Live| matches!(live, Live::Loaded(_));
+        self.started.load(Ordering::Acquire) && self.directory.load().live.values().all(loaded)
     }
 
     /// Brings the model's live version in line with the store: to be called after every commit that moved it.
     pub async fn refresh(&self, model_id: i64) {
         let _one_at_a_time = self.refreshing.lock().await;
-        let live = match self.store.model_by_id(model_id).await {
-            Ok(model) => model.live,
+        let model = match self.store.model_by_id(model_id).await {
+            Ok(model) => model,
             Err(error) => {
                 tracing::error!(model_id, %error, "the live version cannot be read; the one before goes on serving");
                 return;
             }
         };
-        let served = match live {
+        let served = match model.live {
             None => None,
             Some(version) => Some(self.load_live(model_id, version).await),
         };
-        let mut all = BTreeMap::clone(&self.live.load());
-        match served {
-            Some(served) => all.insert(model_id, served),
-            None => all.remove(&model_id),
-        };
-        self.live.store(Arc::new(all));
+        let mut directory = Directory::clone(&self.directory.load());
+        directory.ids.retain(|_, id| *id != model_id);
+        directory.live.remove(&model_id);
+        if let Some(served) = served {
+            directory.ids.insert(model.name.into(), model_id);
+            directory.live.insert(model_id, served);
+        }
+        self.directory.store(Arc::new(directory));
+    }
+
+    /// The model of this name, if something of it is live. Asks no database: another model need not be unknown.
+    #[must_use]
+    pub fn serving(&self, name: &str) -> Option<i64> {
+        self.directory.load().ids.get(name).copied()
     }
 
     async fn load_live(&self, model_id: i64, version: i64) -> Live {
-        match self.live.load().get(&model_id) {
+        match self.directory.load().live.get(&model_id) {
             Some(Live::Loaded(loaded)) if loaded.version() == version => return Live::Loaded(Arc::clone(loaded)),
             _ => {}
         }
@@ -121,7 +144,7 @@ impl Predictor {
     /// # Errors
     /// When there is no such version, or it cannot be loaded.
     pub async fn version(&self, model_id: i64, version: Option<i64>) -> Result<Arc<Loaded>, PredictError> {
-        let live = self.live.load().get(&model_id).cloned();
+        let live = self.directory.load().live.get(&model_id).cloned();
         match (version, live) {
             (None, None) => Err(PredictError::NoLiveVersion),
             (None, Some(Live::Unusable(version))) => Err(PredictError::Unusable(version)),

@@ -46,15 +46,18 @@ pub struct PredictorSettings {
     pub named_versions: usize,
     /// Requests of up to so many windows or steps are computed where they arrive, larger ones on a blocking thread.
     pub inline_windows: usize,
+    /// Windows of such requests that wait to be computed together.
+    pub waiting_windows: usize,
 }
 
 impl PredictorSettings {
     /// Every number, and the range it must lie in.
     #[must_use]
-    pub fn numbers(&self) -> [(&'static str, f64, RangeInclusive<f64>); 2] {
+    pub fn numbers(&self) -> [(&'static str, f64, RangeInclusive<f64>); 3] {
         [
             ("named_versions", self.named_versions as f64, 0.0..=10_000.0),
             ("inline_windows", self.inline_windows as f64, 0.0..=1e6),
+            ("waiting_windows", self.waiting_windows as f64, 1.0..=1e6),
         ]
     }
 }

@@ -15,7 +15,7 @@ use crate::store::task;
 const HIDDEN: usize = 2;
 
 /// A model with versions 1, 2 and 3, told apart by their weights; the last is live.
-async fn three_versions() -> (Fixture, i64) {
+pub(super) async fn three_versions() -> (Fixture, i64) {
     let fixture = Fixture::new().await;
     let settings = ModelSettings { hidden: 2, ..Preset::Paper.settings() };
     let model_id = fixture.model("m", Method::Naive, &settings).await;
@@ -58,15 +58,15 @@ fn outcome(settings: &ModelSettings, weight: f32, judged_against: Option<i64>) -
     }
 }
 
-async fn predictor(fixture: &Fixture) -> Predictor {
-    let settings = PredictorSettings { named_versions: 1, inline_windows: 1 };
+pub(super) async fn predictor(fixture: &Fixture) -> Predictor {
+    let settings = PredictorSettings { named_versions: 1, inline_windows: 1, waiting_windows: 64 };
     let predictor = Predictor::new(Arc::clone(&fixture.store), settings);
     assert!(!predictor.ready(), "nothing is ready before it was looked for");
     predictor.load_all().await.unwrap();
     predictor
 }
 
-fn window(follower: f32, spacing: f32) -> Window {
+pub(super) fn window(follower: f32, spacing: f32) -> Window {
     Window { follower_speed_mps: vec![follower; 10], leader_speed_mps: vec![10.0; 10], spacing_m: vec![spacing; 10] }
 }
 
@@ -91,6 +91,21 @@ async fn the_live_version_serves_and_a_swap_leaves_requests_under_way_alone() {
     let (old, new) = (under_way.predict(&[window(9.0, 20.0)]).unwrap(), live.predict(&[window(9.0, 20.0)]).unwrap());
     assert_ne!(old[0].raw_accel_mps2.to_bits(), new[0].raw_accel_mps2.to_bits());
     assert_eq!(new[0].accel_mps2.to_bits(), new[0].raw_accel_mps2.to_bits());
+}
+
+#[tokio::test]
+async fn a_name_is_known_as_long_as_something_of_it_is_live() {
+    let (fixture, model_id) = three_versions().await;
+    let fresh = predictor(&fixture).await;
+    let empty = fixture.model("empty", Method::Naive, &ModelSettings::default()).await;
+    fresh.refresh(empty).await;
+    assert_eq!((fresh.serving("m"), fresh.serving("empty"), fresh.serving("other")), (Some(model_id), None, None));
+    fixture.execute("update model set name = 'other' where name = 'm'").await;
+    fresh.refresh(model_id).await;
+    assert_eq!((fresh.serving("m"), fresh.serving("other")), (None, Some(model_id)));
+    fixture.execute("update model set live_version = null").await;
+    fresh.refresh(model_id).await;
+    assert_eq!(fresh.serving("other"), None);
 }
 
 #[tokio::test]

@@ -7,9 +7,11 @@ use std::time::Duration;
 use jiff::Timestamp;
 use rayon::ThreadPool;
 use tokio::sync::{Notify, watch};
+use tokio::task::JoinError;
 use tokio::time::MissedTickBehavior;
 
 use super::learner::Learner;
+use super::priority::step_back;
 use super::running::{RunningTasks, TaskProgress};
 use super::settings::SchedulerSettings;
 use crate::predictor::Predictor;
@@ -72,8 +74,10 @@ impl Scheduler {
         learner: Box<dyn Learner>,
         clock: fn() -> Timestamp,
     ) -> Result<Self, rayon::ThreadPoolBuildError> {
+        let niceness = settings.niceness;
         let workers = rayon::ThreadPoolBuilder::new()
             .num_threads(settings.threads())
+            .start_handler(move |_| step_back(niceness))
             .thread_name(|index| format!("training-{index}"))
             .build()?;
         Ok(Self(Arc::new(Inner {
@@ -89,6 +93,19 @@ impl Scheduler {
             wake: Notify::new(),
             closing: watch::Sender::new(false),
         })))
+    }
+
+    /// Runs `work` on a thread that steps back.
+    pub(super) async fn compute<T: Send + 'static>(
+        &self,
+        work: impl FnOnce(&Inner) -> T + Send + 'static,
+    ) -> Result<T, JoinError> {
+        let scheduler = self.clone();
+        let computed = tokio::task::spawn_blocking(move || {
+            step_back(scheduler.0.settings.niceness);
+            work(&scheduler.0)
+        });
+        computed.await
     }
 
     /// Something changed that may let a task start, or ended one: to be called after every such commit.

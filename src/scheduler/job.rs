@@ -97,9 +97,9 @@ async fn learn(
         read => read?,
     };
     let mut observer = JobObserver::new(scheduler, task_id, running.clone());
-    let (scheduler, stage) = (scheduler.clone(), Arc::clone(stage));
-    let learned = tokio::task::spawn_blocking(move || {
-        let (inner, checkpoint) = (&*scheduler.0, checkpoint.as_deref());
+    let stage = Arc::clone(stage);
+    let learned = scheduler.compute(move |inner| {
+        let checkpoint = checkpoint.as_deref();
         let plainly = |observer: &mut JobObserver| inner.learn_or_afresh(task_id, &stage.input(), checkpoint, observer);
         match &stage.search {
             None => Ok((plainly(&mut observer)?, None)),

@@ -11,6 +11,7 @@ mod importance;
 mod job;
 mod learner;
 mod observer;
+mod priority;
 mod running;
 mod search;
 mod settings;
@@ -23,6 +24,7 @@ mod verdict;
 
 pub use handle::Scheduler;
 pub use learner::{Learner, Training};
+pub use priority::step_back;
 pub use running::{SearchPlace, TaskProgress};
 pub use settings::{MOST_THREADS, SchedulerSettings};
 pub use tick::TickOutcome;

@@ -21,6 +21,8 @@ pub struct SchedulerSettings {
     pub parallel_tasks: usize,
     /// Threads that train, shared by these; 0 takes half of the cores, at most [`MOST_THREADS`].
     pub training_threads: usize,
+    /// Niceness of everything a task does, 0 to 19: the greater, the less it gets of cores that others want as well.
+    pub niceness: u8,
     /// A running task saves a checkpoint this often, s.
     pub checkpoint_s: f64,
     /// How often schedules by age are looked at, s.
@@ -41,10 +43,11 @@ impl SchedulerSettings {
 
     /// Every number, and the range it must lie in.
     #[must_use]
-    pub fn numbers(&self) -> [(&'static str, f64, RangeInclusive<f64>); 5] {
+    pub fn numbers(&self) -> [(&'static str, f64, RangeInclusive<f64>); 6] {
         [
             ("parallel_tasks", self.parallel_tasks as f64, 1.0..=64.0),
             ("training_threads", self.training_threads as f64, 0.0..=1024.0),
+            ("niceness", self.niceness.into(), 0.0..=19.0),
             ("checkpoint_s", self.checkpoint_s, 0.0..=86_400.0),
             ("trigger_interval_s", self.trigger_interval_s, 0.01..=3600.0),
             ("max_crashes", self.max_crashes.into(), 0.0..=1e6),

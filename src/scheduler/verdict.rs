@@ -40,9 +40,8 @@ impl Network {
         if events.is_empty() {
             return Ok(None);
         }
-        let (network, scheduler, events) = (self.clone(), scheduler.clone(), Arc::clone(events));
-        let errors = tokio::task::spawn_blocking(move || {
-            let inner = &scheduler.0;
+        let (network, events) = (self.clone(), Arc::clone(events));
+        let errors = scheduler.compute(move |inner| {
             inner.learner.evaluate(network.shape, &network.scaling, &network.weights, &events, &inner.workers)
         });
         Ok(TestMeasures::of(&errors.await?))
@@ -58,9 +57,8 @@ impl Network {
         if events.is_empty() || !settings.envelope {
             return Ok(None);
         }
-        let (network, scheduler, events) = (self.clone(), scheduler.clone(), Arc::clone(events));
-        let served = tokio::task::spawn_blocking(move || {
-            let inner = &scheduler.0;
+        let (network, events) = (self.clone(), Arc::clone(events));
+        let served = scheduler.compute(move |inner| {
             inner.learner.evaluate_served(network.shape, &network.scaling, &network.weights, &events, &inner.workers)
         });
         Ok(ServedMeasures::of(&served.await?))

@@ -13,6 +13,8 @@ mod contract;
 mod evaluate;
 /// Keys that are sent again.
 mod idempotency;
+/// Many requests at once.
+mod load;
 /// Models: create, read, pause.
 mod models;
 /// Lists.

@@ -24,6 +24,7 @@ fn scheduler_settings() -> SchedulerSettings {
     SchedulerSettings {
         parallel_tasks: 2,
         training_threads: 1,
+        niceness: 0,
         checkpoint_s: 0.0,
         trigger_interval_s: 60.0,
         max_crashes: 2,
@@ -52,7 +53,7 @@ impl Engine {
     }
 
     async fn on(fixture: Fixture, script: Script, clock: fn() -> Timestamp) -> Self {
-        let settings = PredictorSettings { named_versions: 2, inline_windows: 64 };
+        let settings = PredictorSettings { named_versions: 2, inline_windows: 64, waiting_windows: 64 };
         let predictor = Arc::new(Predictor::new(Arc::clone(&fixture.store), settings));
         predictor.load_all().await.unwrap();
         let fake = Fake::new(script);
