@@ -8,15 +8,6 @@ pub fn vectorised<R>(op: impl FnOnce() -> R) -> R {
     Arch::new().dispatch(op)
 }
 
-/// Whether this machine has 32 vector registers of 64 bytes.
-#[inline(always)]
-pub(super) fn wide_registers() -> bool {
-    #[cfg(target_arch = "x86_64")]
-    return matches!(Arch::new(), Arch::V4(_));
-    #[cfg(not(target_arch = "x86_64"))]
-    false
-}
-
 /// Name of the arithmetic, stored with every version: bits are equal for the same build and name.
 #[must_use]
 pub fn kernel_name() -> &'static str {

@@ -23,7 +23,6 @@ mod squares;
 mod windows;
 
 pub use carried::Carried;
-use dispatch::wide_registers;
 pub use dispatch::{kernel_name, vectorised};
 pub use encode::{Encoder, EncoderBuffers, EncoderState, OverlappingWindows};
 pub use init::initial_weights;

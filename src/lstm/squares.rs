@@ -1,6 +1,7 @@
 //! Each window's own gradient, squared or in absolute value, summed over windows: what importance is made of.
 
-use super::{Layout, Real, vectorised, wide_registers};
+use super::lanes::{Kernel, Lanes, Single, Units, each_unit};
+use super::{INPUTS, Layout, Real};
 
 /// What is summed of each window's gradient g.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -13,21 +14,24 @@ pub enum Magnitude {
 
 impl Magnitude {
     #[inline(always)]
-    fn of<T: Real>(self, g: T) -> T {
+    fn lanes<L: Lanes>(self, l: L, g: L::Value) -> L::Value {
         match self {
-            Self::Square => g * g,
-            Self::Absolute => g.abs(),
+            Self::Square => l.mul(g, g),
+            Self::Absolute => l.abs(g),
         }
+    }
+
+    #[inline(always)]
+    fn of<T: Real>(self, g: T) -> T {
+        self.lanes(Single::new(), g)
     }
 }
 
-/// Gates whose weights are summed together: each state that is read serves both.
-const GATES: usize = 2;
-/// Gates of the shared weights that are summed together, with every input and the bias.
-const SHARED_LANES: usize = 32;
+/// Gates whose weights are summed together: each state that is read serves all of them.
+const GATES: usize = 4;
 
 /// Sums of the magnitudes of own gradients. Recurrent weights have no shortcut through summed products: `(Σ_τ δ_τ h_τᵀ)²`
-/// needs each window's own sum. It is held in registers, and so are the sums over windows while a few of these pass.
+/// needs each window's own sum, which is held in registers.
 #[derive(Debug)]
 pub(super) struct Squares<T> {
     layout: Layout,
@@ -36,29 +40,30 @@ pub(super) struct Squares<T> {
 }
 
 /// Some windows' values, step by step, of each step window by window.
-struct Tile<'a, T> {
-    layout: Layout,
-    windows: usize,
-    inputs: &'a [T],
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Values<'a, T> {
+    pub(super) inputs: &'a [T],
     /// Derivatives by the gates' pre-activations.
-    dz: &'a [T],
+    pub(super) dz: &'a [T],
     /// States after each step.
-    h: &'a [T],
-    magnitude: Magnitude,
+    pub(super) h: &'a [T],
+    /// Derivatives by each window's head value.
+    pub(super) dy: &'a [T],
 }
 
 impl<T: Real> Squares<T> {
+    /// For networks that read the paper's inputs.
     pub(super) fn new(layout: Layout) -> Self {
+        assert_eq!(layout.inputs, INPUTS, "windows read the paper's four inputs");
         Self { layout, shared: Vec::new() }
     }
 
-    /// Adds those of some windows: their inputs, derivatives by the gates' pre-activations and states after each step, all
-    /// step-major, and each one's derivative by its head's value.
-    pub(super) fn add(&mut self, magnitude: Magnitude, (inputs, dz, h, dy): (&[T], &[T], &[T], &[T]), sums: &mut [T]) {
+    /// Adds those of some windows to `sums`.
+    pub(super) fn add(&mut self, magnitude: Magnitude, values: Values<'_, T>, sums: &mut [T]) {
         let (layout, hidden) = (self.layout, self.layout.hidden);
         let (lstm, head) = sums.split_at_mut(layout.head().start);
-        let last = &h[h.len() - dy.len() * hidden..];
-        for (dy, h) in dy.iter().zip(last.chunks_exact(hidden)) {
+        let last = &values.h[values.h.len() - values.dy.len() * hidden..];
+        for (dy, h) in values.dy.iter().zip(last.chunks_exact(hidden)) {
             for (sum, h) in head.iter_mut().zip(h) {
                 *sum += magnitude.of(*dy * *h);
             }
@@ -67,104 +72,125 @@ impl<T: Real> Squares<T> {
         let (input, rest) = lstm.split_at_mut(layout.recurrent().start);
         let (recurrent, bias) = rest.split_at_mut(layout.recurrent().len());
         self.shared.clear();
-        self.shared.resize((layout.inputs + 1) * layout.gates(), T::zero());
-        let tile = Tile { layout, windows: dy.len(), inputs, dz, h, magnitude };
-        let shared = &mut self.shared;
-        vectorised(
-            #[inline(always)]
-            || match magnitude {
-                Magnitude::Square => Tile { magnitude: Magnitude::Square, ..tile }.add(shared, recurrent),
-                Magnitude::Absolute => Tile { magnitude: Magnitude::Absolute, ..tile }.add(shared, recurrent),
-            },
-        );
-        for (gate, (bias, input)) in bias.iter_mut().zip(input.chunks_exact_mut(layout.inputs)).enumerate() {
-            let of = |k: usize| self.shared[k * layout.gates() + gate];
+        self.shared.resize((INPUTS + 1) * layout.gates(), T::zero());
+        T::run(Shared { layout, values, magnitude, sums: &mut self.shared });
+        T::run(Recurrent { layout, values, magnitude, sums: recurrent });
+        let of = |k: usize, gate: usize| self.shared[k * layout.gates() + gate];
+        for (gate, (bias, input)) in bias.iter_mut().zip(input.as_chunks_mut::<INPUTS>().0).enumerate() {
             for (k, input) in input.iter_mut().enumerate() {
-                *input += of(k);
+                *input += of(k, gate);
             }
-            *bias += of(layout.inputs);
+            *bias += of(INPUTS, gate);
         }
     }
 }
 
-impl<T: Real> Tile<'_, T> {
-    #[inline(always)]
-    fn add(&self, shared: &mut [T], recurrent: &mut [T]) {
-        for (k, shared) in shared.chunks_exact_mut(self.layout.gates()).enumerate() {
-            self.add_shared((k < self.layout.inputs).then_some(k), shared);
-        }
-        if wide_registers() {
-            self.add_recurrent::<64>(recurrent);
-        } else {
-            self.add_recurrent::<16>(recurrent);
-        }
-    }
+/// The input weights and the bias.
+struct Shared<'a, T> {
+    layout: Layout,
+    values: Values<'a, T>,
+    magnitude: Magnitude,
+    sums: &'a mut [T],
+}
 
-    /// The weights of one input, or the bias, of all gates.
+impl<T: Real> Kernel<T> for Shared<'_, T> {
     #[inline(always)]
-    fn add_shared(&self, input: Option<usize>, sums: &mut [T]) {
-        let (inputs, gates) = (self.layout.inputs, self.layout.gates());
-        for (block, sums) in sums.chunks_mut(SHARED_LANES).enumerate() {
-            for n in 0..self.windows {
-                let mut g = [T::zero(); SHARED_LANES];
-                let rows = self.dz.chunks_exact(gates).skip(n).step_by(self.windows);
-                for (dz, x) in rows.zip(self.inputs.chunks_exact(inputs).skip(n).step_by(self.windows)) {
-                    let x = input.map_or(T::one(), |k| x[k]);
-                    for (g, dz) in g.iter_mut().zip(&dz[block * SHARED_LANES..]) {
-                        *g = dz.fma(x, *g);
-                    }
-                }
-                for (sum, g) in sums.iter_mut().zip(g) {
-                    *sum += self.magnitude.of(g);
-                }
-            }
-        }
+    fn run<L: Lanes<Number = T>>(self, lanes: L) {
+        each_unit(self, lanes);
     }
+}
 
-    /// The recurrent weights: `GATES` gates by `L` units at a time.
+impl<T: Real> Units<T> for Shared<'_, T> {
     #[inline(always)]
-    fn add_recurrent<const L: usize>(&self, sums: &mut [T]) {
-        let hidden = self.layout.hidden;
-        for (at, sums) in sums.chunks_exact_mut(GATES * hidden).enumerate() {
-            let mut units = 0;
-            while units + L <= hidden {
-                self.add_units::<L>(at * GATES, units, sums);
-                units += L;
-            }
-            while units < hidden {
-                self.add_units::<1>(at * GATES, units, sums);
-                units += 1;
-            }
-        }
+    fn size(&self) -> (usize, usize) {
+        (self.values.dy.len(), self.layout.gates())
     }
 
     #[inline(always)]
-    fn add_units<const L: usize>(&self, gate: usize, unit: usize, sums: &mut [T]) {
-        let (hidden, gates, windows) = (self.layout.hidden, self.layout.gates(), self.windows);
-        let mut total = [[T::zero(); L]; GATES];
-        for n in 0..windows {
-            let mut g = [[T::zero(); L]; GATES];
-            // A step's derivatives meet the state before it.
-            for (dz, h) in
-                self.dz[windows * gates..].chunks_exact(windows * gates).zip(self.h.chunks_exact(windows * hidden))
-            {
-                let h: &[T; L] = h[n * hidden + unit..].first_chunk().expect("units lie within their row");
-                let dz: &[T; GATES] = dz[n * gates + gate..].first_chunk().expect("gates come in fours");
-                for k in 0..GATES {
-                    for l in 0..L {
-                        g[k][l] = dz[k].fma(h[l], g[k][l]);
-                    }
-                }
+    fn unit<L: Lanes<Number = T>>(&mut self, l: L, window: usize, gate: usize) {
+        let (gates, windows) = (self.layout.gates(), self.values.dy.len());
+        let mut g = [l.splat(T::zero()); INPUTS + 1];
+        let steps = self.values.dz.chunks_exact(windows * gates);
+        for (dz, x) in steps.zip(self.values.inputs.chunks_exact(windows * INPUTS)) {
+            let (dz, x) = (l.load(&dz[window * gates + gate..]), &x[window * INPUTS..][..INPUTS]);
+            for k in 0..INPUTS {
+                g[k] = l.fma(dz, l.splat(x[k]), g[k]);
             }
+            g[INPUTS] = l.add(g[INPUTS], dz);
+        }
+        for k in 0..=INPUTS {
+            let sums = &mut self.sums[k * gates + gate..];
+            let sum = l.add(l.load(sums), self.magnitude.lanes(l, g[k]));
+            l.store(sums, sum);
+        }
+    }
+}
+
+/// The recurrent weights, [`GATES`] gates at a time.
+struct Recurrent<'a, T> {
+    layout: Layout,
+    values: Values<'a, T>,
+    magnitude: Magnitude,
+    sums: &'a mut [T],
+}
+
+impl<T: Real> Kernel<T> for Recurrent<'_, T> {
+    #[inline(always)]
+    fn run<L: Lanes<Number = T>>(mut self, lanes: L) {
+        for gate in (0..self.layout.gates()).step_by(GATES) {
+            match L::SUMS {
+                16 => self.gates::<L, 4>(lanes, gate),
+                _ => self.gates::<L, 2>(lanes, gate),
+            }
+        }
+    }
+}
+
+impl<T: Real> Recurrent<'_, T> {
+    /// All units of some gates, `V` vectors at a time, then one number at a time. A few gates' sums over windows stay near
+    /// while the windows pass.
+    #[inline(always)]
+    fn gates<L: Lanes<Number = T>, const V: usize>(&mut self, lanes: L, gate: usize) {
+        let (hidden, width) = (self.layout.hidden, V * L::WIDTH);
+        let whole = hidden / width * width;
+        for unit in (0..whole).step_by(width) {
+            for window in 0..self.values.dy.len() {
+                self.units::<L, V>(lanes, window, gate, unit);
+            }
+        }
+        for unit in whole..hidden {
+            for window in 0..self.values.dy.len() {
+                self.units::<Single<T>, 1>(Single::new(), window, gate, unit);
+            }
+        }
+    }
+
+    #[inline(always)]
+    fn units<L: Lanes<Number = T>, const V: usize>(&mut self, l: L, window: usize, gate: usize, unit: usize) {
+        let (hidden, gates, windows) = (self.layout.hidden, self.layout.gates(), self.values.dy.len());
+        let mut g = [[l.splat(T::zero()); V]; GATES];
+        // A step's derivatives meet the state before it.
+        let later = self.values.dz[windows * gates..].chunks_exact(windows * gates);
+        for (dz, h) in later.zip(self.values.h.chunks_exact(windows * hidden)) {
+            let h = &h[window * hidden + unit..][..V * L::WIDTH];
+            let dz: &[T; GATES] = dz[window * gates + gate..].first_chunk().expect("gates come in fours");
+            let h: [L::Value; V] = std::array::from_fn(
+                #[inline(always)]
+                |v| l.load(&h[v * L::WIDTH..]),
+            );
             for k in 0..GATES {
-                for l in 0..L {
-                    total[k][l] += self.magnitude.of(g[k][l]);
+                let dz = l.splat(dz[k]);
+                for v in 0..V {
+                    g[k][v] = l.fma(dz, h[v], g[k][v]);
                 }
             }
         }
         for k in 0..GATES {
-            for (sum, total) in sums[k * hidden + unit..].iter_mut().zip(total[k]) {
-                *sum += total;
+            let sums = &mut self.sums[(gate + k) * hidden + unit..][..V * L::WIDTH];
+            for v in 0..V {
+                let sums = &mut sums[v * L::WIDTH..];
+                let sum = l.add(l.load(sums), self.magnitude.lanes(l, g[k][v]));
+                l.store(sums, sum);
             }
         }
     }

@@ -2,7 +2,7 @@
 
 use super::buffer::grow;
 use super::gates::{First, FirstBackward, Later, LaterBackward};
-use super::squares::{Magnitude, Squares};
+use super::squares::{Magnitude, Squares, Values};
 use super::{Layout, Network, Real};
 
 /// The passes over windows of given inputs, which have no influence on each other: what importance over the open loop takes.
@@ -133,8 +133,8 @@ impl<T: Real> Windows<T> {
                 std::mem::swap(dc, dc_before);
             }
         }
-        let used = |values: &'_ [T], width: usize| values.len().min(self.horizon * count * width);
-        let (dz, h) = (&self.dz[..used(&self.dz, gates)], &self.h[..used(&self.h, hidden)]);
-        self.squares.add(magnitude, (&self.inputs, dz, h, dy), sums);
+        let rows = self.horizon * count;
+        let (dz, h) = (&self.dz[..rows * gates], &self.h[..rows * hidden]);
+        self.squares.add(magnitude, Values { inputs: &self.inputs, dz, h, dy }, sums);
     }
 }
