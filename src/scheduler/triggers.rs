@@ -10,14 +10,10 @@ use crate::store::{Store, StoreError, model, selection};
 /// When the database cannot be read or written.
 pub(super) async fn create_due(store: &Store, now: Timestamp) -> Result<Vec<i64>, StoreError> {
     let mut due = Vec::new();
-    let mut known: Option<crate::lineage::Model> = None;
-    for waiting in store.waiting().await? {
-        if known.as_ref().is_none_or(|model| model.model_id != waiting.model_id) {
-            known = Some(store.model_by_id(waiting.model_id).await?);
-        }
-        let is_due = known.as_ref().is_some_and(|model| waiting.is_due(model.settings.schedule, now));
-        if is_due && !due.contains(&waiting.model_id) {
-            due.push(waiting.model_id);
+    for model_id in store.models_waiting().await? {
+        let schedule = store.model_by_id(model_id).await?.settings.schedule;
+        if store.is_any_due(model_id, schedule, now).await? {
+            due.push(model_id);
         }
     }
     let mut tasks = Vec::new();

@@ -82,8 +82,16 @@ fn number(count: u64) -> Result<i64, StoreError> {
     i64::try_from(count).map_err(|e| StoreError::malformed("count", e))
 }
 
-const COLUMNS: &str = "batch_id, model_id, source, regime, content_type, body_sha256, body_bytes, accepted, duplicates,
-    rejected, summary, created_at, retracted_at";
+/// `select` of every column of [`batch`], with what follows `from batch`.
+macro_rules! select_batch {
+    ($rest:literal) => {
+        concat!(
+            "select batch_id, model_id, source, regime, content_type, body_sha256, body_bytes, accepted, duplicates, ",
+            "rejected, summary, created_at, retracted_at from batch ",
+            $rest
+        )
+    };
+}
 
 impl Store {
     /// The batch of this model.
@@ -91,9 +99,11 @@ impl Store {
     /// # Errors
     /// When the database cannot be read.
     pub async fn batch(&self, model_id: i64, batch_id: i64) -> Result<Option<Batch>, StoreError> {
-        let statement = format!("select {COLUMNS} from batch where model_id = ? and batch_id = ?");
-        let row =
-            query(sqlx::AssertSqlSafe(statement)).bind(model_id).bind(batch_id).fetch_optional(&self.readers).await?;
+        let row = query(select_batch!("where model_id = ? and batch_id = ?"))
+            .bind(model_id)
+            .bind(batch_id)
+            .fetch_optional(&self.readers)
+            .await?;
         row.as_ref().map(batch).transpose()
     }
 
@@ -102,9 +112,7 @@ impl Store {
     /// # Errors
     /// When the database cannot be read.
     pub async fn batches(&self, model_id: i64, after: i64, limit: u32) -> Result<Vec<Batch>, StoreError> {
-        let statement =
-            format!("select {COLUMNS} from batch where model_id = ? and batch_id > ? order by batch_id limit ?");
-        let rows = query(sqlx::AssertSqlSafe(statement))
+        let rows = query(select_batch!("where model_id = ? and batch_id > ? order by batch_id limit ?"))
             .bind(model_id)
             .bind(after)
             .bind(limit)

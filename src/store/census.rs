@@ -52,7 +52,7 @@ impl Store {
     /// When the database cannot be read.
     pub async fn unended_tasks(&self, after: i64) -> Result<Vec<(i64, i64)>, StoreError> {
         let rows = query(
-            "select task_id, model_id from task where state in ('queued', 'running')
+            "select task_id, model_id from task indexed by task_active where state in ('queued', 'running')
              union select task_id, model_id from task where task_id > ? order by task_id",
         )
         .bind(after)

@@ -80,7 +80,7 @@ impl Store {
              where e.split = 'train' and e.event_id in (
                  select event_id from task_event where task_id = ?3
                  union
-                 select te.event_id from line join task_event te on te.task_id = line.task_id
+                 select te.event_id from line cross join task_event te on te.task_id = line.task_id
              )
              order by e.content_sha256"
         ))
@@ -110,7 +110,7 @@ impl Store {
             "?2",
             ", learned as (
                  select distinct line.regime, e.event_id, e.content_sha256
-                 from line join task_event te using (task_id) join event e using (event_id)
+                 from line cross join task_event te using (task_id) join event e using (event_id)
                  where e.split = ?5 and e.event_id not in (select event_id from task_event where task_id = ?3)
              ),
              ranked as (
@@ -153,8 +153,8 @@ impl Store {
             "?2",
             "select e.event_id, e.content_sha256, e.dt_s, e.arrays from event e
              where e.split = 'train' and e.event_id in (
-                 select te.event_id from line join task t on t.task_id = line.task_id
-                 join task_event te on te.task_id = t.task_id
+                 select te.event_id from line cross join task t on t.task_id = line.task_id
+                 cross join task_event te on te.task_id = t.task_id
                  where ?3 is null or t.regime = ?3
              )
              order by e.content_sha256 limit ?4"

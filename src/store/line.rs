@@ -9,7 +9,8 @@ use crate::consolidation::RegimeMemory;
 use crate::lineage::{RegimeEvaluation, ServedMeasures, TestMeasures};
 
 /// A statement that sees `line (version, parent, task_id, regime)`: the version of model ?1 that `$first` names, and its
-/// parents. Further tables may follow it after a comma.
+/// parents. Further tables may follow it after a comma. What is joined to it is to be cross joined: of the length of a line
+/// the planner knows nothing, and would rather read the ledgers of all tasks than look up those of the line's.
 macro_rules! with_line {
     ($first:literal, $statement:literal) => {
         concat!(
@@ -117,19 +118,6 @@ impl Store {
         .fetch_all(&self.readers)
         .await?;
         rows.iter().map(memory_from).collect()
-    }
-
-    /// The version and its parents, from the version to stage 1.
-    ///
-    /// # Errors
-    /// When the database cannot be read.
-    pub async fn ancestors(&self, model_id: i64, version: i64) -> Result<Vec<i64>, StoreError> {
-        let rows = query(with_line!("?2", "select version from line"))
-            .bind(model_id)
-            .bind(version)
-            .fetch_all(&self.readers)
-            .await?;
-        rows.iter().map(|row| Ok(row.try_get("version")?)).collect()
     }
 }
 

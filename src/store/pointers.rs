@@ -58,7 +58,7 @@ pub(super) async fn learned_again(transaction: &mut WriteTransaction, task_id: i
          update event set state = 'learned'
          where state in ('held', 'set_aside')
              and event_id in (select event_id from task_event where task_id = ?1)
-             and event_id in (select te.event_id from line join task_event te on te.task_id = line.task_id)",
+             and event_id in (select te.event_id from line cross join task_event te on te.task_id = line.task_id)",
     )
     .bind(task_id)
     .execute(&mut **transaction)
@@ -79,7 +79,7 @@ const LEARNED_ON_THE_LINE: &str = with_line!(
     "(select head_version from model where model_id = ?1)",
     "update event set state = 'learned'
     where state in ('held', 'set_aside')
-        and event_id in (select te.event_id from line join task_event te on te.task_id = line.task_id)"
+        and event_id in (select te.event_id from line cross join task_event te on te.task_id = line.task_id)"
 );
 
 const SET_ASIDE_OFF_THE_LINE: &str = with_line!(
@@ -88,5 +88,5 @@ const SET_ASIDE_OFF_THE_LINE: &str = with_line!(
     where state = 'learned'
         and event_id in (select te.event_id from version v join task_event te on te.task_id = v.task_id
                          where v.model_id = ?1 and v.version not in (select version from line))
-        and event_id not in (select te.event_id from line join task_event te on te.task_id = line.task_id)"
+        and event_id not in (select te.event_id from line cross join task_event te on te.task_id = line.task_id)"
 );

@@ -2,6 +2,7 @@
 
 use jiff::Timestamp;
 use serde_json::Value;
+use sqlx::sqlite::SqliteConnection;
 use sqlx::{Row, query};
 
 use super::column::{count, stored_ids, stored_time, time, word};
@@ -50,66 +51,72 @@ pub enum NoTask {
     RetractedBatch(i64),
 }
 
-/// The events of one regime that wait.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Waiting {
-    /// The model's row id.
-    pub model_id: i64,
-    /// The regime.
-    pub regime: RegimeName,
-    /// How many.
-    pub events: u64,
-    /// When the first of them arrived.
-    pub oldest: Timestamp,
-}
-
-impl Waiting {
-    /// Whether these events are due by `schedule`.
-    #[must_use]
-    pub fn is_due(&self, schedule: Schedule, now: Timestamp) -> bool {
-        schedule.is_due(self.events, now.duration_since(self.oldest).as_secs_f64())
-    }
-}
-
 impl Store {
-    /// What waits, of every model: one row a regime.
+    /// Row ids of the models some of whose events wait.
     ///
     /// # Errors
     /// When the database cannot be read.
-    pub async fn waiting(&self) -> Result<Vec<Waiting>, StoreError> {
+    pub async fn models_waiting(&self) -> Result<Vec<i64>, StoreError> {
+        // Left to itself, the planner looks for one that waits among all events of the model.
         let rows = query(
-            "select model_id, regime, count(*) as events, min(event_id), arrived_at as oldest
-             from event where state = 'pending' group by model_id, regime",
+            "select model_id from model m where exists (
+                 select 1 from event e indexed by event_waiting where e.model_id = m.model_id and e.state = 'pending'
+             ) order by model_id",
         )
         .fetch_all(&self.readers)
         .await?;
-        rows.iter().map(waiting_from).collect()
+        rows.iter().map(|row| Ok(row.try_get("model_id")?)).collect()
+    }
+
+    /// Whether some regime's waiting events are due by `schedule`.
+    ///
+    /// # Errors
+    /// When the database cannot be read.
+    pub async fn is_any_due(&self, model_id: i64, schedule: Schedule, now: Timestamp) -> Result<bool, StoreError> {
+        let mut reader = self.readers.acquire().await?;
+        Ok(!due(&mut reader, model_id, schedule, now).await?.is_empty())
     }
 }
 
-/// What waits of one model, in order of arrival.
+/// The regimes whose waiting events are due by `schedule`, in order of arrival.
 ///
-/// # Errors
-/// When the database cannot be read.
-pub async fn waiting(transaction: &mut WriteTransaction, model_id: i64) -> Result<Vec<Waiting>, StoreError> {
-    // With min(event_id), the bare column is that of the event that arrived first.
+/// It looks at the first event of each regime and counts up to the schedule's number, however many wait.
+async fn due(
+    connection: &mut SqliteConnection,
+    model_id: i64,
+    schedule: Schedule,
+    now: Timestamp,
+) -> Result<Vec<RegimeName>, StoreError> {
+    let Schedule::Automatic(automatic) = schedule else { return Ok(Vec::new()) };
     let rows = query(
-        "select model_id, regime, count(*) as events, min(event_id) as first, arrived_at as oldest
-         from event where model_id = ? and state = 'pending' group by regime order by first",
+        "with recursive waiting (regime) as (
+             select min(regime) from event where model_id = ?1 and state = 'pending'
+             union all
+             select (select min(e.regime) from event e
+                     where e.model_id = ?1 and e.state = 'pending' and e.regime > waiting.regime)
+             from waiting where waiting.regime is not null
+         )
+         select waiting.regime, first.arrived_at as oldest,
+             (select count(*) from (select 1 from event e
+                  where e.model_id = ?1 and e.state = 'pending' and e.regime = waiting.regime limit ?2)) as events
+         from waiting join event first on first.event_id = (
+             select e.event_id from event e where e.model_id = ?1 and e.state = 'pending' and e.regime = waiting.regime
+             order by e.arrived_at, e.event_id limit 1
+         )
+         order by first.arrived_at, first.event_id",
     )
     .bind(model_id)
-    .fetch_all(&mut **transaction)
+    .bind(automatic.min_events.max(1))
+    .fetch_all(connection)
     .await?;
-    rows.iter().map(waiting_from).collect()
-}
-
-fn waiting_from(row: &sqlx::sqlite::SqliteRow) -> Result<Waiting, StoreError> {
-    Ok(Waiting {
-        model_id: row.try_get("model_id")?,
-        regime: word(row, "regime")?,
-        events: count(row, "events")?,
-        oldest: time(row, "oldest")?,
-    })
+    let mut due = Vec::new();
+    for row in &rows {
+        let (events, oldest) = (count(row, "events")?, time(row, "oldest")?);
+        if schedule.is_due(events, now.duration_since(oldest).as_secs_f64()) {
+            due.push(word(row, "regime")?);
+        }
+    }
+    Ok(due)
 }
 
 /// Makes the tasks a request asks for, one a regime in order of arrival, and claims their events. Gives their ids.
@@ -151,12 +158,9 @@ pub async fn create_due(
     now: Timestamp,
 ) -> Result<Vec<i64>, StoreError> {
     let mut tasks = Vec::new();
-    for waiting in waiting(transaction, model_id).await? {
-        if !waiting.is_due(schedule, now) {
-            continue;
-        }
+    for regime in due(transaction, model_id, schedule, now).await? {
         let request = TaskRequest {
-            selection: Selection::Pending { regime: Some(waiting.regime) },
+            selection: Selection::Pending { regime: Some(regime) },
             mean_speed_mps: None,
             settings: Value::Null,
         };

@@ -150,9 +150,10 @@ pub async fn get(connection: &mut SqliteConnection, task_id: i64) -> Result<Opti
 /// # Errors
 /// When the database cannot be written.
 pub async fn take_over(transaction: &mut WriteTransaction, now: Timestamp) -> Result<Vec<i64>, StoreError> {
+    // In these words the index of active tasks is found, and not every task ever made is looked at.
     let rows = query(
-        "update task set state = 'queued', crashes = crashes + 1 where state = 'running'
-         returning task_id, cancel_requested",
+        "update task set state = 'queued', crashes = crashes + 1
+         where state in ('queued', 'running') and state = 'running' returning task_id, cancel_requested",
     )
     .fetch_all(&mut **transaction)
     .await?;

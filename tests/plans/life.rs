@@ -1,0 +1,119 @@
+//! Everything that a server does to its database, once.
+
+use reqwest::Method;
+use serde_json::{Value, json};
+use tempfile::TempDir;
+
+use crate::support::events::{event, events, window};
+use crate::support::server::Server;
+
+/// Leads a server through it and stops it; its database is left.
+pub(crate) async fn lead() -> TempDir {
+    let server = Server::start_with("[training]\ntrigger_interval_s = 0.05").await;
+    upload(&server).await;
+    learn(&server).await;
+    move_about(&server).await;
+    stop_and_cancel(&server).await;
+    let server = server.restart().await;
+    list(&server).await;
+    server.stop().await
+}
+
+/// Good, bad, known and retracted events; a schedule that waits for more of them.
+async fn upload(server: &Server) {
+    let path = "/v1/models/uploads/batches";
+    let settings = json!({"schedule": {"min_events": 9, "max_wait_s": 3600}});
+    let body = json!({"model": "uploads", "method": "naive", "settings": settings});
+    for _ in 0..2 {
+        server.post_with_key("/v1/models", "a key", &body).await.expect(201);
+    }
+    let bad =
+        json!({"event_id": "bad", "dt_s": 0.1, "spacing_m": [1], "follower_speed_mps": [], "leader_speed_mps": []});
+    let mut mixed = events("e", 3, 12.0);
+    mixed.push(bad);
+    for _ in 0..2 {
+        server.upload("uploads", "?regime=fast", &mixed).await.expect(201);
+    }
+    server.get(&format!("{path}/b1/rejections")).await.expect(200);
+    for batch in ["b1", "b2"] {
+        server.send(server.request(Method::DELETE, &format!("{path}/{batch}"))).await.expect(200);
+    }
+    server.post("/v1/models/uploads/tasks", &json!({"batches": ["b1"]})).await.expect(409);
+    server.upload("uploads", "?regime=fast", &mixed).await.expect(201);
+    server.upload("uploads", "?regime=slow", &events("f", 9, 6.0)).await.expect(201);
+}
+
+/// Tasks of every kind of method, from whatever selects events.
+async fn learn(server: &Server) {
+    for method in ["ewc", "joint", "replay", "mas"] {
+        let settings = if method == "mas" { json!({"strength": "auto"}) } else { json!({}) };
+        server.post("/v1/models", &json!({"model": method, "method": method, "settings": settings})).await.expect(201);
+        for (regime, speed) in [("fast", 12.0), ("slow", 6.0)] {
+            let mut batch = events(regime, 12, speed);
+            batch.push(event(&format!("{regime} to validate"), speed, "validation"));
+            server.learn(method, regime, &batch).await;
+        }
+    }
+    server.upload("ewc", "?regime=tests", &[event("test", 12.0, "test")]).await.expect(201);
+    let named = json!({"batches": ["pending"], "where": {"mean_speed_mps": [1.0, 60.0]}});
+    assert_eq!(server.post("/v1/models/ewc/tasks", &named).await.status / 100, 4);
+    let pending = json!({"batches": "pending", "where": {"mean_speed_mps": [1.0, 60.0]}});
+    let task = server.post("/v1/models/ewc/tasks", &pending).await.expect(202);
+    assert_eq!(server.end_of("ewc", task["task_id"].as_str().unwrap()).await["state"], "failed");
+    let batches = server.get("/v1/models/ewc/batches").await;
+    let first = batches["batches"][0]["batch_id"].as_str().unwrap();
+    let again = server.post("/v1/models/ewc/tasks", &json!({"batches": [first]})).await.expect(202);
+    server.end_of("ewc", again["task_id"].as_str().unwrap()).await;
+    server.send(server.request(Method::DELETE, &format!("/v1/models/ewc/batches/{first}"))).await.expect(409);
+}
+
+/// What people ask of versions.
+async fn move_about(server: &Server) {
+    let evaluated = "/v1/models/ewc/evaluate?versions=1&references=idm&regime=fast";
+    server.post(evaluated, &json!({"events": events("g", 4, 12.0)})).await.expect(200);
+    server.post("/v1/models/ewc/predict", &json!({"version": 1, "windows": [window(5, 11.0)]})).await.expect(200);
+    for note in [json!("a note"), Value::Null] {
+        let request = server.request(Method::PATCH, "/v1/models/ewc/versions/1").json(&json!({"note": note}));
+        server.send(request).await.expect(200);
+    }
+    server.post("/v1/models/ewc/promote", &json!({"version": 1, "reason": "tried"})).await.expect(200);
+    server.post("/v1/models/ewc/promote", &json!({"version": 2, "reason": "tried"})).await.expect(200);
+    server.post("/v1/models/ewc/rollback", &json!({"reason": "tried"})).await.expect(200);
+}
+
+/// A task that is held, goes on from its checkpoint and is cancelled; and one that a stop of the server interrupts.
+async fn stop_and_cancel(server: &Server) {
+    server.upload("ewc", "?regime=long", &events("long", 200, 10.0)).await.expect(201);
+    let wish = json!({"batches": "pending", "settings": {"epochs": 1000}});
+    let task = server.post("/v1/models/ewc/tasks", &wish).await.expect(202);
+    let path = format!("/v1/models/ewc/tasks/{}", task["task_id"].as_str().unwrap());
+    let until = async |state: &str, progress: f64| {
+        loop {
+            let task = server.get(&path).await.expect(200);
+            if task["state"] == state && task["progress"].as_f64().unwrap() >= progress {
+                return;
+            }
+        }
+    };
+    until("running", 1e-6).await;
+    server.post("/v1/models/ewc/pause", &json!({})).await.expect(200);
+    until("queued", 0.0).await;
+    server.post("/v1/models/ewc/resume", &json!({})).await.expect(200);
+    until("running", 1e-6).await;
+    server.post(&format!("{path}/cancel"), &json!({})).await;
+    server.end_of("ewc", task["task_id"].as_str().unwrap()).await;
+    server.upload("ewc", "?regime=longer", &events("longer", 200, 10.0)).await.expect(201);
+    let left = server.post("/v1/models/ewc/tasks", &wish).await.expect(202);
+    assert_eq!(left["state"], "queued");
+}
+
+/// Everything that lists or counts.
+async fn list(server: &Server) {
+    for path in
+        ["", "/ewc", "/ewc/batches", "/ewc/tasks", "/ewc/versions", "/ewc/versions/1/evaluation", "/ewc/history"]
+    {
+        server.get(&format!("/v1/models{path}")).await.expect(200);
+    }
+    server.get("/metrics").await.expect(200);
+    server.get("/readyz").await.expect(200);
+}
