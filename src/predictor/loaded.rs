@@ -1,12 +1,13 @@
 //! One version, loaded and ready to answer.
 
-use std::sync::Arc;
+use std::cell::RefCell;
+use std::ops::Range;
 
 use rayon::ThreadPool;
 
 use super::{Flag, PredictError, Prediction, Simulated};
 use crate::car_following::Event;
-use crate::driver::{Driver, Scaling, Window};
+use crate::driver::{Driver, DriverBuffers, Scaling, Seen, Window};
 use crate::evaluation::{self, Errors, ServedErrors};
 use crate::safety::Envelope;
 use crate::store::{Store, StoreError};
@@ -15,11 +16,16 @@ use crate::store::{Store, StoreError};
 /// share of the range between them: recordings end somewhere, and a hair beyond the end is not another kind of traffic.
 const RANGE_MARGIN: f32 = 0.05;
 
+thread_local! {
+    /// What a thread that predicts keeps from one request to the next, for whichever version, and the network's accelerations.
+    static BUFFERS: RefCell<(DriverBuffers, Vec<f32>)> = RefCell::default();
+}
+
 /// A version ready to answer. Fixed for ever.
 #[derive(Debug)]
 pub struct Loaded {
     version: i64,
-    driver: Driver,
+    pub(super) driver: Driver,
     /// What bounds the network's accelerations; none when the version's settings say so.
     envelope: Option<Envelope>,
 }
@@ -58,27 +64,38 @@ impl Loaded {
         self.driver.shape().horizon
     }
 
-    /// One answer a window, on this thread.
+    /// One answer a window, on this thread. Of memory it takes the answers' alone.
     ///
     /// # Errors
     /// When a window does not hold exactly the last `horizon` steps of finite values.
     pub fn predict(&self, windows: &[Window]) -> Result<Vec<Prediction>, PredictError> {
-        self.check(windows)?;
-        let accelerations = self.driver.accelerations(windows);
-        let answer = |(window, raw_accel_mps2): (&Window, f32)| {
-            let accel_mps2 = self.served(window, raw_accel_mps2);
-            let flags = flags(out_of_range(self.driver.scaling(), window), accel_mps2 != raw_accel_mps2);
-            Prediction { accel_mps2, raw_accel_mps2, flags }
-        };
-        Ok(windows.iter().zip(accelerations).map(answer).collect())
+        self.predict_some(windows, 0..windows.len())
     }
 
-    /// What is served where the network asks for `raw_mps2` after this window: its last step decides.
-    fn served(&self, window: &Window, raw_mps2: f32) -> f32 {
-        let now = self.horizon() - 1;
-        let (spacing, follower, leader) =
-            (window.spacing_m[now], window.follower_speed_mps[now], window.leader_speed_mps[now]);
-        self.envelope.map_or(raw_mps2, |envelope| envelope.served_mps2(raw_mps2, spacing, follower, leader))
+    /// [`Self::predict`] for some of the windows of a request.
+    pub(super) fn predict_some(&self, windows: &[Window], some: Range<usize>) -> Result<Vec<Prediction>, PredictError> {
+        self.check(windows, some.clone())?;
+        let windows = &windows[some];
+        BUFFERS.with_borrow_mut(|(buffers, raw)| {
+            raw.clear();
+            raw.resize(windows.len(), 0.0);
+            self.driver.accelerations_into(windows, buffers, raw);
+            let answer = |(window, &raw_mps2): (&Window, &f32)| {
+                let out_of_range = (0..self.horizon()).any(|t| out_of_range(self.driver.scaling(), window.seen(t)));
+                self.answer(raw_mps2, window.seen(self.horizon() - 1), &[(out_of_range, Flag::OutOfRange)])
+            };
+            Ok(windows.iter().zip(&*raw).map(answer).collect())
+        })
+    }
+
+    /// The answer where the network asks for `raw_mps2` at the step `now`: the envelope adds its flag to those given.
+    pub(super) fn answer(&self, raw_mps2: f32, now: Seen, given: &[(bool, Flag)]) -> Prediction {
+        let Seen { spacing_m, follower_speed_mps, leader_speed_mps } = now;
+        let served =
+            |envelope: Envelope| envelope.served_mps2(raw_mps2, spacing_m, follower_speed_mps, leader_speed_mps);
+        let accel_mps2 = self.envelope.map_or(raw_mps2, served);
+        let flags = flags(given.iter().copied().chain([(accel_mps2 != raw_mps2, Flag::Envelope)]));
+        Prediction { accel_mps2, raw_accel_mps2: raw_mps2, flags }
     }
 
     /// Drives a follower on from `initial` behind a leader, on this thread. `leader_speed_mps[0]` is the step after it.
@@ -86,7 +103,7 @@ impl Loaded {
     /// # Errors
     /// When the window does not hold exactly the last `horizon` steps, or a value is not finite.
     pub fn simulate(&self, initial: &Window, leader_speed_mps: &[f32]) -> Result<Simulated, PredictError> {
-        self.check(std::slice::from_ref(initial))?;
+        self.check(std::slice::from_ref(initial), 0..1)?;
         finite(0, "leader_speed_mps", leader_speed_mps)?;
         let drive = self.driver.simulate(initial, leader_speed_mps, self.envelope);
         let driven = Window {
@@ -94,14 +111,15 @@ impl Loaded {
             leader_speed_mps: leader_speed_mps.to_vec(),
             spacing_m: drive.spacing_m,
         };
-        let scaling = self.driver.scaling();
-        let out_of_range = out_of_range(scaling, initial) || out_of_range(scaling, &driven);
+        let strange =
+            |part: &Window| (0..part.spacing_m.len()).any(|t| out_of_range(self.driver.scaling(), part.seen(t)));
+        let out_of_range = strange(initial) || strange(&driven);
         Ok(Simulated {
             collided: driven.spacing_m.iter().any(|&spacing| spacing <= 0.0),
             spacing_m: driven.spacing_m,
             follower_speed_mps: driven.follower_speed_mps,
             accel_mps2: drive.accel_mps2,
-            flags: flags(out_of_range, drive.differing_steps > 0),
+            flags: flags([(out_of_range, Flag::OutOfRange), (drive.differing_steps > 0, Flag::Envelope)]),
         })
     }
 
@@ -119,9 +137,10 @@ impl Loaded {
         self.envelope.is_some().then(served)
     }
 
-    fn check(&self, windows: &[Window]) -> Result<(), PredictError> {
+    fn check(&self, windows: &[Window], some: Range<usize>) -> Result<(), PredictError> {
         let horizon = self.horizon();
-        for (index, window) in windows.iter().enumerate() {
+        for index in some {
+            let window = &windows[index];
             for (member, values) in [
                 ("follower_speed_mps", &window.follower_speed_mps),
                 ("leader_speed_mps", &window.leader_speed_mps),
@@ -137,58 +156,26 @@ impl Loaded {
     }
 }
 
-impl super::Predictor {
-    /// [`Loaded::predict`], off the async runtime when it is a large request.
-    ///
-    /// # Errors
-    /// As there.
-    pub async fn predict(&self, loaded: Arc<Loaded>, windows: Vec<Window>) -> Result<Vec<Prediction>, PredictError> {
-        if windows.len() <= self.settings.inline_windows {
-            return self.company.predict(loaded, windows).await;
-        }
-        let answers = tokio::task::spawn_blocking(move || loaded.predict(&windows));
-        answers.await.map_err(|_| PredictError::Panicked)?
-    }
-
-    /// [`Loaded::simulate`], off the async runtime when it is a long drive.
-    ///
-    /// # Errors
-    /// As there.
-    pub async fn simulate(
-        &self,
-        loaded: Arc<Loaded>,
-        initial: Window,
-        leader_speed_mps: Vec<f32>,
-    ) -> Result<Simulated, PredictError> {
-        if leader_speed_mps.len() <= self.settings.inline_windows {
-            return loaded.simulate(&initial, &leader_speed_mps);
-        }
-        let drive = tokio::task::spawn_blocking(move || loaded.simulate(&initial, &leader_speed_mps));
-        drive.await.map_err(|_| PredictError::Panicked)?
-    }
-}
-
-fn finite(window: usize, member: &'static str, values: &[f32]) -> Result<(), PredictError> {
+pub(super) fn finite(window: usize, member: &'static str, values: &[f32]) -> Result<(), PredictError> {
     match values.iter().position(|value| !value.is_finite()) {
         Some(step) => Err(PredictError::NotFinite { window, member, step }),
         None => Ok(()),
     }
 }
 
-fn flags(out_of_range: bool, bounded: bool) -> Vec<Flag> {
-    let flags = [(out_of_range, Flag::OutOfRange), (bounded, Flag::Envelope)];
-    flags.into_iter().filter_map(|(holds, flag)| holds.then_some(flag)).collect()
+fn flags(flags: impl IntoIterator<Item = (bool, Flag)>) -> Vec<Flag> {
+    let mut flags: Vec<Flag> = flags.into_iter().filter_map(|(holds, flag)| holds.then_some(flag)).collect();
+    flags.sort_unstable();
+    flags
 }
 
-/// Whether some input of some step lies outside what training saw, give or take [`RANGE_MARGIN`].
-fn out_of_range(scaling: &Scaling, window: &Window) -> bool {
+/// Whether some input of a step lies outside what training saw, give or take [`RANGE_MARGIN`].
+pub(super) fn out_of_range(scaling: &Scaling, seen: Seen) -> bool {
     let outside = |input: usize, value: f32| {
         let (low, high) = (scaling.low[input], scaling.high[input]);
         let margin = RANGE_MARGIN * (high - low);
         value < low - margin || value > high + margin
     };
-    let steps = window.follower_speed_mps.iter().zip(&window.leader_speed_mps).zip(&window.spacing_m);
-    steps.into_iter().any(|((&follower, &leader), &spacing)| {
-        outside(0, follower) || outside(1, leader) || outside(2, leader - follower) || outside(3, spacing)
-    })
+    let Seen { follower_speed_mps: follower, leader_speed_mps: leader, spacing_m } = seen;
+    outside(0, follower) || outside(1, leader) || outside(2, leader - follower) || outside(3, spacing_m)
 }

@@ -5,24 +5,28 @@
 mod answer;
 mod company;
 mod error;
+mod large;
 mod loaded;
 mod recent;
 mod settings;
 #[cfg(test)]
 mod tests;
 mod trial;
+mod vehicle;
 
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use arc_swap::ArcSwap;
+use tokio::sync::Semaphore;
 
 pub use answer::{Flag, Prediction, Simulated};
 pub use error::PredictError;
 pub use loaded::Loaded;
 pub use settings::{PredictorSettings, TrialSettings};
 pub use trial::{Scope, Trial, TriedReference, TriedRegime, TriedVersion};
+pub use vehicle::Vehicle;
 
 use crate::store::Store;
 use company::Company;
@@ -53,6 +57,8 @@ pub struct Predictor {
     directory: ArcSwap<Directory>,
     recent: Mutex<Recent>,
     company: Arc<Company>,
+    /// Turns on the threads that compute large requests.
+    threads: Arc<Semaphore>,
     /// Whether all live versions were looked for at start-up.
     started: AtomicBool,
     /// One change of the directory at a time, so that a slow one cannot bring back an older version.
@@ -65,12 +71,14 @@ impl Predictor {
     pub fn new(store: Arc<Store>, settings: PredictorSettings) -> Self {
         let recent = Mutex::new(Recent::new(settings.named_versions));
         let company = Arc::new(Company::new(settings.waiting_windows));
+        let threads = Arc::new(Semaphore::new(settings.threads()));
         Self {
             store,
             settings,
             directory: ArcSwap::default(),
             recent,
             company,
+            threads,
             started: AtomicBool::new(false),
             refreshing: tokio::sync::Mutex::new(()),
         }

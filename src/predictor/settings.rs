@@ -44,20 +44,32 @@ impl TrialSettings {
 pub struct PredictorSettings {
     /// Versions kept loaded beside the live ones, because somebody named them.
     pub named_versions: usize,
-    /// Requests of up to so many windows or steps are computed where they arrive, larger ones on a blocking thread.
+    /// Requests of up to so many windows or steps are computed where they arrive, larger ones on threads of their own.
     pub inline_windows: usize,
-    /// Windows of such requests that wait to be computed together.
+    /// Windows of small requests that wait to be computed together.
     pub waiting_windows: usize,
+    /// Threads that compute large requests, shared by all of them; 0 takes as many as there are cores.
+    pub threads: usize,
 }
 
 impl PredictorSettings {
     /// Every number, and the range it must lie in.
     #[must_use]
-    pub fn numbers(&self) -> [(&'static str, f64, RangeInclusive<f64>); 3] {
+    pub fn numbers(&self) -> [(&'static str, f64, RangeInclusive<f64>); 4] {
         [
             ("named_versions", self.named_versions as f64, 0.0..=10_000.0),
             ("inline_windows", self.inline_windows as f64, 0.0..=1e6),
             ("waiting_windows", self.waiting_windows as f64, 1.0..=1e6),
+            ("threads", self.threads as f64, 0.0..=1024.0),
         ]
+    }
+
+    /// Threads that compute large requests.
+    #[must_use]
+    pub fn threads(&self) -> usize {
+        match self.threads {
+            0 => std::thread::available_parallelism().map_or(1, usize::from),
+            threads => threads,
+        }
     }
 }

@@ -2,9 +2,11 @@
 
 use std::sync::Arc;
 
+use futures_util::FutureExt;
+
 use super::*;
 use crate::consolidation::Method;
-use crate::driver::Window;
+use crate::driver::{Seen, Window};
 use crate::lineage::{ModelSettings, Preset, Promotion, PromotionDecision, PromotionPolicy};
 use crate::lstm::{INPUTS, Layout};
 use crate::store::fixture::{Fixture, now};
@@ -59,7 +61,7 @@ fn outcome(settings: &ModelSettings, weight: f32, judged_against: Option<i64>) -
 }
 
 pub(super) async fn predictor(fixture: &Fixture) -> Predictor {
-    let settings = PredictorSettings { named_versions: 1, inline_windows: 1, waiting_windows: 64 };
+    let settings = PredictorSettings { named_versions: 1, inline_windows: 1, waiting_windows: 64, threads: 3 };
     let predictor = Predictor::new(Arc::clone(&fixture.store), settings);
     assert!(!predictor.ready(), "nothing is ready before it was looked for");
     predictor.load_all().await.unwrap();
@@ -172,10 +174,69 @@ async fn large_requests_answer_what_small_ones_do() {
     let (fixture, model_id) = three_versions().await;
     let predictor = predictor(&fixture).await;
     let live = predictor.version(model_id, None).await.unwrap();
-    let windows: Vec<_> = (0..50_u8).map(|i| window(10.0 + f32::from(i) / 100.0, 20.0)).collect();
+    let windows: Vec<_> = (0..250_u8).map(|i| window(10.0 + f32::from(i) / 100.0, 20.0)).collect();
     let together = predictor.predict(Arc::clone(&live), windows.clone()).await.unwrap();
-    for (window, answer) in windows.into_iter().zip(together) {
-        assert_eq!(predictor.predict(Arc::clone(&live), vec![window]).await.unwrap(), [answer]);
+    assert_eq!(together.len(), windows.len());
+    for (window, answer) in windows.iter().zip(together) {
+        assert_eq!(predictor.predict(Arc::clone(&live), vec![window.clone()]).await.unwrap(), [answer]);
+    }
+    let mut hollow = windows;
+    for at in [201, 240] {
+        hollow[at].spacing_m[2] = f32::INFINITY;
+    }
+    let refused = predictor.predict(live, hollow).await.unwrap_err();
+    assert_eq!(refused.to_string(), "window 201: spacing_m[2] is not finite", "the first, as the request numbers them");
+}
+
+#[tokio::test]
+async fn large_requests_take_no_more_threads_than_they_are_given() {
+    let (fixture, model_id) = three_versions().await;
+    let predictor = predictor(&fixture).await;
+    let live = predictor.version(model_id, None).await.unwrap();
+    let taken = Arc::clone(&predictor.threads).try_acquire_many_owned(3).unwrap();
+    let windows = vec![window(10.0, 20.0); 250];
+    let mut waiting = std::pin::pin!(predictor.predict(Arc::clone(&live), windows));
+    assert!((&mut waiting).now_or_never().is_none());
+    let mut drive = std::pin::pin!(predictor.simulate(live, window(10.0, 20.0), vec![10.0; 30]));
+    assert!((&mut drive).now_or_never().is_none());
+    assert_eq!(predictor.threads.available_permits(), 0, "nothing is computed");
+    drop(taken);
+    assert_eq!(waiting.await.unwrap().len(), 250);
+    assert_eq!(drive.await.unwrap().spacing_m.len(), 30);
+    assert_eq!(predictor.threads.available_permits(), 3);
+}
+
+#[tokio::test]
+async fn a_vehicle_is_answered_step_by_step_what_its_windows_are_answered() {
+    let (fixture, model_id) = three_versions().await;
+    let live = predictor(&fixture).await.version(model_id, None).await.unwrap();
+    let mut vehicle = Vehicle::new(Arc::clone(&live));
+    assert_eq!(vehicle.version(), 3);
+    let (mut seen, mut flags) = (Vec::new(), Vec::new());
+    for t in 0..60_u8 {
+        // Once far away, then close to a leader that stands.
+        let spacing_m = if t == 14 { 120.0 } else { 20.0 - f32::from(t) / 3.0 };
+        let leader_speed_mps = 10.0 - f32::from(t) / 6.0;
+        seen.push(Seen { follower_speed_mps: 10.0, leader_speed_mps, spacing_m });
+        let hollow = Seen { spacing_m: f32::NAN, ..seen[0] };
+        assert_eq!(vehicle.step(hollow).unwrap_err().to_string(), "window 0: spacing_m[0] is not finite");
+        let answer = vehicle.step(*seen.last().unwrap()).unwrap();
+        let of = |back: usize| seen[seen.len().saturating_sub(back + 1)];
+        let cut = |value: fn(Seen) -> f32| (0..10).rev().map(|back| value(of(back))).collect();
+        let window = Window {
+            follower_speed_mps: cut(|seen| seen.follower_speed_mps),
+            leader_speed_mps: cut(|seen| seen.leader_speed_mps),
+            spacing_m: cut(|seen| seen.spacing_m),
+        };
+        let mut expected = live.predict(&[window]).unwrap().remove(0);
+        if t < 9 {
+            expected.flags.push(Flag::WarmingUp);
+        }
+        assert_eq!(answer, expected, "step {t}");
+        flags.extend(answer.flags);
+    }
+    for flag in [Flag::OutOfRange, Flag::Envelope, Flag::WarmingUp] {
+        assert!(flags.contains(&flag), "the case is meant to show {flag:?}");
     }
 }
 
