@@ -1,5 +1,6 @@
 //! `headway bench`: how fast this machine learns and answers, in process, beside what its arithmetic allows.
 
+mod inference;
 mod products;
 mod table;
 mod timing;
@@ -18,6 +19,8 @@ pub(super) struct BenchArguments {
 enum What {
     /// Closed-loop training and importance, beside the rate of matrix products of the same shapes.
     Training(training::TrainingArguments),
+    /// Predictions: windows one by one and thousands together, and the steps of a vehicle's sequence.
+    Inference(inference::InferenceArguments),
 }
 
 /// Measures, and prints a table or JSON.
@@ -27,5 +30,6 @@ enum What {
 pub(super) fn run(arguments: &BenchArguments) -> anyhow::Result<()> {
     match &arguments.what {
         What::Training(arguments) => training::run(arguments),
+        What::Inference(arguments) => inference::run(arguments),
     }
 }
