@@ -18,10 +18,9 @@ const LOOKED_AT_TOGETHER: usize = 64;
 ///   the simulated (spacing, speed).
 ///
 /// Every output's own gradient counts, so the result does not depend on how the events came in batches; `events` must be in
-/// an order of their own (that of their digests) for equal bits. Exact importance costs about two epochs over the open loop,
-/// and over the closed loop, or with a carried
-/// state, a drive for every output: as many epochs as two events have steps. Sampled, it costs an epoch
-/// of minibatches of one for each draw.
+/// an order of their own (that of their digests) for equal bits. Over the open loop, window by window, exact importance costs
+/// about an epoch; over the closed loop, or with a carried state, a drive for every output: as many epochs as two events have
+/// steps. Sampled, it costs an epoch of minibatches of one for each draw.
 ///
 /// Returns the importance and M; none when `go_on`, asked on the way, says no.
 pub fn importance<T: Real>(
