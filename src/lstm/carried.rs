@@ -2,6 +2,7 @@
 
 use super::buffer::grow;
 use super::gates::{First, FirstBackward, Later, LaterBackward};
+use super::lanes::each_unit;
 use super::product::{columns, product, rows};
 use super::{Layout, Network, Real};
 
@@ -29,8 +30,6 @@ pub struct Carried<T> {
     dc: Vec<T>,
     dh_before: Vec<T>,
     dc_before: Vec<T>,
-    /// Where the gates' backward pass sums what windows that share an input would; here nothing is shared, or read.
-    dz_sum: Vec<T>,
     outputs: Vec<T>,
     dx: Vec<T>,
     projected: Vec<T>,
@@ -55,7 +54,6 @@ impl<T: Real> Carried<T> {
             dc: empty(),
             dh_before: empty(),
             dc_before: empty(),
-            dz_sum: empty(),
             outputs: empty(),
             dx: empty(),
             projected: empty(),
@@ -91,8 +89,6 @@ impl<T: Real> Carried<T> {
             grow(buffer, most * hidden);
             buffer.fill(T::zero());
         }
-        grow(&mut self.dz_sum, most * gates);
-        self.dz_sum.fill(T::zero());
         grow(&mut self.projected, most * gates);
     }
 
@@ -120,17 +116,11 @@ impl<T: Real> Carried<T> {
     /// When the number of inputs does not fit.
     pub fn forward(&mut self, network: &Network<T>, t: usize, inputs: &[T]) -> &[T] {
         let (layout, hidden, gates) = (self.layout, self.layout.hidden, self.layout.gates());
-        let weights = network.weights();
         let alive = self.alive[t];
         assert_eq!(inputs.len(), alive * layout.inputs);
         let from = self.row[t];
         self.inputs[from * layout.inputs..][..inputs.len()].copy_from_slice(inputs);
-        let projected = &mut self.projected[..alive * gates];
-        for row in projected.chunks_exact_mut(gates) {
-            row.copy_from_slice(&weights[layout.bias()]);
-        }
-        let input = rows(&weights[layout.input()], gates, layout.inputs);
-        product(projected, 1.0, &input, &columns(inputs, layout.inputs, alive));
+        network.project(inputs, &mut self.projected[..alive * gates]);
         let before = if t > 0 { self.row[t - 1] } else { 0 };
         let (h_before, h) = self.h.split_at_mut(from * hidden);
         let (c_before, c) = self.c.split_at_mut(from * hidden);
@@ -138,20 +128,13 @@ impl<T: Real> Carried<T> {
         let (p, width) = (&self.projected[..alive * gates], before * hidden);
         let (c, h) = (&mut c[..alive * hidden], &mut h[..alive * hidden]);
         if t == 0 {
-            T::run(First { hidden, p, z, c, h });
+            each_unit(First { hidden, p, z, c, h });
         } else {
             network.forward.multiply(&h_before[width..][..alive * hidden], z);
-            T::run(Later { hidden, p, z, before: &c_before[width..][..alive * hidden], c, h });
+            each_unit(Later { hidden, p, z, before: &c_before[width..][..alive * hidden], c, h });
         }
-        self.head(weights, t)
-    }
-
-    fn head(&mut self, weights: &[T], t: usize) -> &[T] {
-        let hidden = self.layout.hidden;
-        let states = &self.h[self.row[t] * hidden..][..self.answering(t) * hidden];
-        let (head, bias) = (&weights[self.layout.head()], weights[self.layout.head_bias()]);
-        self.outputs.clear();
-        self.outputs.extend(states.chunks_exact(hidden).map(|h| super::encode::dot(head, h) + bias));
+        let answering = self.answering(t) * hidden;
+        network.heads(&self.h[from * hidden..][..answering], &mut self.outputs);
         &self.outputs
     }
 
@@ -162,8 +145,7 @@ impl<T: Real> Carried<T> {
     /// When the number of derivatives does not fit.
     pub fn backward(&mut self, network: &Network<T>, t: usize, dy: &[T], gradient: &mut [T]) -> &[T] {
         assert_eq!(dy.len(), self.answering(t));
-        let weights = network.weights();
-        self.head_backward(weights, t, dy, gradient);
+        self.head_backward(network.weights(), t, dy, gradient);
         self.gates_backward(network, t);
         let (layout, gates) = (self.layout, self.layout.gates());
         let (from, alive) = (self.row[t], self.alive[t]);
@@ -173,9 +155,7 @@ impl<T: Real> Carried<T> {
                 *db += *dz;
             }
         }
-        self.dx.resize(alive * layout.inputs, T::zero());
-        let transposed = columns(&weights[layout.input()], layout.inputs, gates);
-        product(&mut self.dx, 0.0, &transposed, &columns(dz, gates, alive));
+        network.back_project(dz, &mut self.dx);
         std::mem::swap(&mut self.dh, &mut self.dh_before);
         std::mem::swap(&mut self.dc, &mut self.dc_before);
         &self.dx
@@ -210,17 +190,17 @@ impl<T: Real> Carried<T> {
         let before = if t > 0 { self.row[t - 1] } else { 0 };
         let z = &self.z[from * gates..][..alive * gates];
         let (c_before, c) = self.c.split_at(from * hidden);
-        let Self { dz, dh, dc, dh_before, dc_before, dz_sum, .. } = self;
+        let Self { dz, dh, dc, dh_before, dc_before, .. } = self;
         let dz = &mut dz[from * gates..][..alive * gates];
         let states = alive * hidden;
         let (c, dh, dc) = (&c[..states], &dh[..states], &dc[..states]);
         if t == 0 {
             dz.fill(T::zero());
-            T::run(FirstBackward { hidden, z, c, dh, dc, sum: dz });
+            each_unit(FirstBackward { hidden, z, c, dh, dc, sum: dz });
         } else {
             let before = &c_before[before * hidden..][..states];
-            let (dc_before, sum) = (&mut dc_before[..states], &mut dz_sum[..alive * gates]);
-            T::run(LaterBackward { hidden, z, c, before, dh, dc, dz, dc_before, sum });
+            let dc_before = &mut dc_before[..states];
+            each_unit(LaterBackward { hidden, z, c, before, dh, dc, dz, dc_before, sum: None });
             network.backward.multiply(dz, &mut dh_before[..states]);
         }
     }

@@ -1,7 +1,7 @@
 //! The cell: gates, state and their derivatives, for any width of vector.
 
 use super::Real;
-use super::lanes::{Kernel, Lanes, Units, each_unit};
+use super::lanes::{Lanes, Units};
 
 /// The four gates of one or more units, in torch's order: input, forget, cell, output.
 type Gates<V> = [V; 4];
@@ -95,13 +95,6 @@ pub(super) struct First<'a, T> {
     pub(super) h: &'a mut [T],
 }
 
-impl<T: Real> Kernel<T> for First<'_, T> {
-    #[inline(always)]
-    fn run<L: Lanes<Number = T>>(self, lanes: L) {
-        each_unit(self, lanes);
-    }
-}
-
 impl<T: Real> Units<T> for First<'_, T> {
     #[inline(always)]
     fn size(&self) -> (usize, usize) {
@@ -129,13 +122,6 @@ pub(super) struct Later<'a, T> {
     pub(super) before: &'a [T],
     pub(super) c: &'a mut [T],
     pub(super) h: &'a mut [T],
-}
-
-impl<T: Real> Kernel<T> for Later<'_, T> {
-    #[inline(always)]
-    fn run<L: Lanes<Number = T>>(self, lanes: L) {
-        each_unit(self, lanes);
-    }
 }
 
 impl<T: Real> Units<T> for Later<'_, T> {
@@ -169,13 +155,6 @@ pub(super) struct FirstBackward<'a, T> {
     pub(super) sum: &'a mut [T],
 }
 
-impl<T: Real> Kernel<T> for FirstBackward<'_, T> {
-    #[inline(always)]
-    fn run<L: Lanes<Number = T>>(self, lanes: L) {
-        each_unit(self, lanes);
-    }
-}
-
 impl<T: Real> Units<T> for FirstBackward<'_, T> {
     #[inline(always)]
     fn size(&self) -> (usize, usize) {
@@ -192,8 +171,8 @@ impl<T: Real> Units<T> for FirstBackward<'_, T> {
     }
 }
 
-/// Backward through later steps of some rows: writes the derivatives by the gates' pre-activations to `dz`, adds them to
-/// `sum`, and writes those by the cells before the step.
+/// Backward through later steps of some rows: writes the derivatives by the gates' pre-activations to `dz` and those by the
+/// cells before the step, and adds the first to `sum` where rows share an input.
 #[derive(Debug)]
 pub(super) struct LaterBackward<'a, T> {
     pub(super) hidden: usize,
@@ -206,14 +185,7 @@ pub(super) struct LaterBackward<'a, T> {
     pub(super) dc: &'a [T],
     pub(super) dz: &'a mut [T],
     pub(super) dc_before: &'a mut [T],
-    pub(super) sum: &'a mut [T],
-}
-
-impl<T: Real> Kernel<T> for LaterBackward<'_, T> {
-    #[inline(always)]
-    fn run<L: Lanes<Number = T>>(self, lanes: L) {
-        each_unit(self, lanes);
-    }
+    pub(super) sum: Option<&'a mut [T]>,
 }
 
 impl<T: Real> Units<T> for LaterBackward<'_, T> {
@@ -230,6 +202,8 @@ impl<T: Real> Units<T> for LaterBackward<'_, T> {
         let (by, dc) = back(l, gates, cells, (l.load(&self.dh[at..]), l.load(&self.dc[at..])));
         l.store(&mut self.dc_before[at..], l.mul(dc, gates[1]));
         store(l, self.dz, row, hidden, unit, by);
-        add(l, self.sum, row, hidden, unit, by);
+        if let Some(sum) = &mut self.sum {
+            add(l, sum, row, hidden, unit, by);
+        }
     }
 }

@@ -62,17 +62,27 @@ pub(super) trait Units<T: Real> {
     fn unit<L: Lanes<Number = T>>(&mut self, lanes: L, row: usize, unit: usize);
 }
 
-/// Whole vectors of units, and what is left one by one.
-#[inline(always)]
-pub(super) fn each_unit<T: Real, L: Lanes<Number = T>>(mut units: impl Units<T>, lanes: L) {
-    let (rows, count) = units.size();
-    let whole = count / L::WIDTH * L::WIDTH;
-    for row in 0..rows {
-        for unit in (0..whole).step_by(L::WIDTH) {
-            units.unit(lanes, row, unit);
-        }
-        for unit in whole..count {
-            units.unit(Single::new(), row, unit);
+/// Computes every unit of every row, with this machine's vectors where there are some.
+pub(super) fn each_unit<T: Real>(units: impl Units<T>) {
+    T::run(ByUnit(units));
+}
+
+/// The kernel that computes whole vectors of units, and what is left one by one.
+pub(super) struct ByUnit<U>(pub(super) U);
+
+impl<T: Real, U: Units<T>> Kernel<T> for ByUnit<U> {
+    #[inline(always)]
+    fn run<L: Lanes<Number = T>>(self, lanes: L) {
+        let Self(mut units) = self;
+        let (rows, count) = units.size();
+        let whole = count / L::WIDTH * L::WIDTH;
+        for row in 0..rows {
+            for unit in (0..whole).step_by(L::WIDTH) {
+                units.unit(lanes, row, unit);
+            }
+            for unit in whole..count {
+                units.unit(Single::new(), row, unit);
+            }
         }
     }
 }

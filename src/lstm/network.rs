@@ -1,7 +1,7 @@
 //! Weights, and the same weights arranged for the passes: once an update, not once a product.
 
 use super::encode::dot;
-use super::lanes::{Kernel, Lanes, Units, each_unit};
+use super::lanes::{Lanes, Units, each_unit};
 use super::packed::Packed;
 use super::{Layout, Real, vectorised};
 
@@ -63,7 +63,14 @@ impl<T: Real> Network<T> {
 
     /// `projected = W_ih x + b`, one row for each row of inputs.
     pub(super) fn project(&self, inputs: &[T], projected: &mut [T]) {
-        T::run(Project { network: self, inputs, projected });
+        each_unit(Project { network: self, inputs, projected });
+    }
+
+    /// The head's value for each of some states.
+    pub(super) fn heads(&self, states: &[T], values: &mut Vec<T>) {
+        let (head, bias) = (&self.weights[self.layout.head()], self.weights[self.layout.head_bias()]);
+        values.clear();
+        values.extend(states.chunks_exact(self.layout.hidden).map(|h| dot(head, h) + bias));
     }
 
     /// `dx = W_ihᵀ dz`, one row for each row of derivatives by the gates' pre-activations.
@@ -85,13 +92,6 @@ struct Project<'a, T> {
     network: &'a Network<T>,
     inputs: &'a [T],
     projected: &'a mut [T],
-}
-
-impl<T: Real> Kernel<T> for Project<'_, T> {
-    #[inline(always)]
-    fn run<L: Lanes<Number = T>>(self, lanes: L) {
-        each_unit(self, lanes);
-    }
 }
 
 impl<T: Real> Units<T> for Project<'_, T> {

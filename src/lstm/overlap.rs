@@ -2,7 +2,7 @@
 
 use super::buffer::grow;
 use super::gates::{First, FirstBackward, Later, LaterBackward};
-use super::lanes::{Kernel, Lanes, Units, each_unit};
+use super::lanes::{Lanes, Units, each_unit};
 use super::plan::Plan;
 use super::product::{columns, product, rows};
 use super::{INPUTS, Layout, Network, Real};
@@ -149,7 +149,7 @@ impl<T: Real> Overlap<T> {
         let projected = &self.scratch.projected;
         let begun = first.len() * hidden;
         let (c, h) = (&mut next_c[..begun], &mut next_h[..begun]);
-        T::run(First { hidden, p: &projected[..first.len() * gates], z: first_z, c, h });
+        each_unit(First { hidden, p: &projected[..first.len() * gates], z: first_z, c, h });
         network.forward.multiply(&before_h[..carried.len() * hidden], z);
         for slot in self.plan.slots(t) {
             let (state, gate) = (slot.start * hidden..slot.end * hidden, slot.start * gates..slot.end * gates);
@@ -161,18 +161,9 @@ impl<T: Real> Overlap<T> {
                 (&mut next_c[next.clone()], &mut next_h[next])
             };
             let p = &projected[..slot.len() * gates];
-            T::run(Later { hidden, p, z: &mut z[gate], before: &before_c[state], c, h });
+            each_unit(Later { hidden, p, z: &mut z[gate], before: &before_c[state], c, h });
         }
-        self.head(network.weights(), t)
-    }
-
-    fn head(&mut self, weights: &[T], t: usize) -> &[T] {
-        let hidden = self.layout.hidden;
-        let answers = self.plan.answering(t);
-        let states = &self.answer_h[answers.start * hidden..answers.end * hidden];
-        let (head, bias) = (&weights[self.layout.head()], weights[self.layout.head_bias()]);
-        self.scratch.outputs.clear();
-        self.scratch.outputs.extend(states.chunks_exact(hidden).map(|h| super::encode::dot(head, h) + bias));
+        network.heads(answer_h, &mut self.scratch.outputs);
         &self.scratch.outputs
     }
 
@@ -236,12 +227,12 @@ impl<T: Real> Overlap<T> {
         let answer_c = &self.answer_c[answers.start * hidden..answers.end * hidden];
         let begun = first.len() * hidden;
         let sum = &mut dz_sum[..first.len() * gates];
-        T::run(FirstBackward { hidden, z: first_z, c: &next_c[..begun], dh: &dh[..begun], dc: &dc[..begun], sum });
+        each_unit(FirstBackward { hidden, z: first_z, c: &next_c[..begun], dh: &dh[..begun], dc: &dc[..begun], sum });
         for slot in self.plan.slots(t) {
             let (state, gate) = (slot.start * hidden..slot.end * hidden, slot.start * gates..slot.end * gates);
             let after = begun + state.start..begun + state.end;
             let answers = slot.end == carried.len() && !answers.is_empty();
-            T::run(LaterBackward {
+            each_unit(LaterBackward {
                 hidden,
                 z: &z[gate.clone()],
                 c: if answers { answer_c } else { &next_c[after.clone()] },
@@ -250,7 +241,7 @@ impl<T: Real> Overlap<T> {
                 dc: &dc[after],
                 dz: &mut dz[gate.clone()],
                 dc_before: &mut dc_before[state.clone()],
-                sum: &mut dz_sum[..slot.len() * gates],
+                sum: Some(&mut dz_sum[..slot.len() * gates]),
             });
         }
         network.backward.multiply(&dz[..carried.len() * gates], &mut dh_before[..carried.len() * hidden]);
@@ -274,7 +265,7 @@ impl<T: Real> Overlap<T> {
         let events = self.plan.events(t);
         let inputs = &self.inputs[self.input_row[t]..self.input_row[t] + events * INPUTS];
         let dz = &self.scratch.dz_sum[..events * self.layout.gates()];
-        T::run(InputGradient { inputs, dz, sums: &mut self.input_gradient });
+        each_unit(InputGradient { inputs, dz, sums: &mut self.input_gradient });
         network.back_project(dz, &mut self.scratch.dx);
     }
 
@@ -296,13 +287,6 @@ struct InputGradient<'a, T> {
     inputs: &'a [T],
     dz: &'a [T],
     sums: &'a mut [T],
-}
-
-impl<T: Real> Kernel<T> for InputGradient<'_, T> {
-    #[inline(always)]
-    fn run<L: Lanes<Number = T>>(self, lanes: L) {
-        each_unit(self, lanes);
-    }
 }
 
 impl<T: Real> Units<T> for InputGradient<'_, T> {

@@ -73,7 +73,7 @@ impl<T: Real> Squares<T> {
         let (recurrent, bias) = rest.split_at_mut(layout.recurrent().len());
         self.shared.clear();
         self.shared.resize((INPUTS + 1) * layout.gates(), T::zero());
-        T::run(Shared { layout, values, magnitude, sums: &mut self.shared });
+        each_unit(Shared { layout, values, magnitude, sums: &mut self.shared });
         T::run(Recurrent { layout, values, magnitude, sums: recurrent });
         let of = |k: usize, gate: usize| self.shared[k * layout.gates() + gate];
         for (gate, (bias, input)) in bias.iter_mut().zip(input.as_chunks_mut::<INPUTS>().0).enumerate() {
@@ -91,13 +91,6 @@ struct Shared<'a, T> {
     values: Values<'a, T>,
     magnitude: Magnitude,
     sums: &'a mut [T],
-}
-
-impl<T: Real> Kernel<T> for Shared<'_, T> {
-    #[inline(always)]
-    fn run<L: Lanes<Number = T>>(self, lanes: L) {
-        each_unit(self, lanes);
-    }
 }
 
 impl<T: Real> Units<T> for Shared<'_, T> {

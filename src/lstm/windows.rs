@@ -2,6 +2,7 @@
 
 use super::buffer::grow;
 use super::gates::{First, FirstBackward, Later, LaterBackward};
+use super::lanes::each_unit;
 use super::squares::{Magnitude, Squares, Values};
 use super::{Layout, Network, Real};
 
@@ -23,7 +24,6 @@ pub struct Windows<T> {
     dh: Vec<T>,
     dc: Vec<T>,
     dc_before: Vec<T>,
-    unread: Vec<T>,
     outputs: Vec<T>,
     squares: Squares<T>,
 }
@@ -48,7 +48,6 @@ impl<T: Real> Windows<T> {
             dh: empty(),
             dc: empty(),
             dc_before: empty(),
-            unread: empty(),
             outputs: empty(),
             squares: Squares::new(layout),
         }
@@ -84,17 +83,14 @@ impl<T: Real> Windows<T> {
             let (c, h) = (&mut c[..count * hidden], &mut h[..count * hidden]);
             let (z, p) = (&mut z[from * gates..][..count * gates], &projected[from * gates..][..count * gates]);
             if step == 0 {
-                T::run(First { hidden, p, z, c, h });
+                each_unit(First { hidden, p, z, c, h });
             } else {
                 network.forward.multiply(&before_h[before * hidden..], z);
-                T::run(Later { hidden, p, z, before: &before_c[before * hidden..], c, h });
+                each_unit(Later { hidden, p, z, before: &before_c[before * hidden..], c, h });
             }
         }
         let last = (self.horizon - 1) * count * hidden;
-        let (head, bias) = (&network.weights()[layout.head()], network.weights()[layout.head_bias()]);
-        let states = self.h[last..][..count * hidden].chunks_exact(hidden);
-        self.outputs.clear();
-        self.outputs.extend(states.map(|h| super::encode::dot(head, h) + bias));
+        network.heads(&self.h[last..][..count * hidden], &mut self.outputs);
         &self.outputs
     }
 
@@ -111,8 +107,7 @@ impl<T: Real> Windows<T> {
             grow(buffer, count * hidden);
             buffer[..count * hidden].fill(T::zero());
         }
-        grow(&mut self.unread, count * gates);
-        let Self { z, dz, c, dh, dc, dc_before, unread, .. } = self;
+        let Self { z, dz, c, dh, dc, dc_before, .. } = self;
         let head = &network.weights()[layout.head()];
         for (dy, dh) in dy.iter().zip(dh.chunks_exact_mut(hidden)) {
             for (dh, w) in dh.iter_mut().zip(head) {
@@ -125,10 +120,20 @@ impl<T: Real> Windows<T> {
             let (now, dh) = (&c[from * hidden..][..count * hidden], &mut dh[..count * hidden]);
             if step == 0 {
                 dz.fill(T::zero());
-                T::run(FirstBackward { hidden, z, c: now, dh, dc: &dc[..count * hidden], sum: dz });
+                each_unit(FirstBackward { hidden, z, c: now, dh, dc: &dc[..count * hidden], sum: dz });
             } else {
-                let (before, sum) = (&c[before * hidden..][..count * hidden], &mut unread[..count * gates]);
-                T::run(LaterBackward { hidden, z, c: now, before, dh, dc: &dc[..count * hidden], dz, dc_before, sum });
+                let before = &c[before * hidden..][..count * hidden];
+                each_unit(LaterBackward {
+                    hidden,
+                    z,
+                    c: now,
+                    before,
+                    dh,
+                    dc: &dc[..count * hidden],
+                    dz,
+                    dc_before,
+                    sum: None,
+                });
                 network.backward.multiply(dz, dh);
                 std::mem::swap(dc, dc_before);
             }

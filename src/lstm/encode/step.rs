@@ -4,7 +4,7 @@ use pulp::{Arch, Simd, WithSimd};
 
 use super::packed::{Block, GATES, LANES, Packed, Term};
 use crate::lstm::gates::{First, Later};
-use crate::lstm::lanes::{Kernel, Vectors};
+use crate::lstm::lanes::{ByUnit, Kernel, Vectors};
 
 /// Rows that share each load of a weight.
 const ROWS: usize = 6;
@@ -63,14 +63,14 @@ impl Step<'_> {
                 let [c_after, h_after] =
                     [&mut *self.after.c, &mut *self.after.h].map(|values| lanes_mut(values, place(n)));
                 let (p, z, before) = (&projected[n], &mut z[n], lanes(c, place(n)));
-                Later { hidden: LANES, p, z, before, c: c_after, h: h_after }.run(Vectors::new(simd));
+                ByUnit(Later { hidden: LANES, p, z, before, c: c_after, h: h_after }).run(Vectors::new(simd));
             }
         } else {
             for n in 0..N {
                 let [c_after, h_after] =
                     [&mut *self.after.c, &mut *self.after.h].map(|values| lanes_mut(values, place(n)));
                 let (p, z) = (&projected[n], &mut [0.0; GATES * LANES]);
-                First { hidden: LANES, p, z, c: c_after, h: h_after }.run(Vectors::new(simd));
+                ByUnit(First { hidden: LANES, p, z, c: c_after, h: h_after }).run(Vectors::new(simd));
             }
         }
     }
