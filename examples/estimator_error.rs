@@ -10,25 +10,8 @@ use headway::car_following::{Event, TrafficRegime, TrafficSettings, generate};
 use headway::consolidation::{Estimator, ImportanceOptions, Kept, MasOutput, Method, Output, importance};
 use headway::driver::{Crew, DriverShape, Scaling};
 use headway::lineage::ModelSettings;
-use headway::training::{Interim, Observer, Progress, StageInput, learn_stage};
+use headway::training::{StageInput, Unwatched, learn_stage};
 use rayon::ThreadPool;
-
-/// Lets a stage run through.
-struct Patient;
-
-impl Observer for Patient {
-    fn updated(&mut self, _: &Progress) -> bool {
-        true
-    }
-    fn evaluated(&mut self, _: &Interim) {}
-    fn wants_stop(&mut self) -> bool {
-        false
-    }
-    fn wants_checkpoint(&mut self) -> bool {
-        false
-    }
-    fn checkpoint(&mut self, _: &Progress, _: Vec<u8>) {}
-}
 
 /// A network that has learned the events: its weights and scaling.
 fn learn(
@@ -48,7 +31,7 @@ fn learn(
         train,
         validation: &[],
     };
-    let learned = learn_stage(&input, None, workers, &mut Patient)?;
+    let learned = learn_stage(&input, None, workers, &mut Unwatched)?;
     Ok((learned.weights, learned.scaling))
 }
 

@@ -22,7 +22,7 @@ pub use learned::{LearnError, Learned};
 pub use line::Line;
 pub use loss::{Penalties, loss};
 pub use minibatch::minibatch_gradient;
-pub use observer::{Interim, Observer, Progress};
+pub use observer::{Interim, Observer, Progress, Unwatched};
 pub use rate::RateSchedule;
 pub use replay::ReplayedRegime;
 pub use stage::learn_stage;

@@ -12,7 +12,7 @@ use crate::consolidation::{Kept, Method, importance};
 use crate::driver::{Crew, DriverShape, Memory, Scaling};
 use crate::lineage::{ModelSettings, Preset};
 use crate::lstm::{initial_weights, kernel_name};
-use crate::training::{Interim, Observer, Progress, StageInput, learn_stage};
+use crate::training::{StageInput, Unwatched, learn_stage};
 
 /// Arguments of `headway bench training`.
 #[derive(Debug, Args)]
@@ -179,21 +179,4 @@ impl Bencher<'_> {
         }
         Ok(())
     }
-}
-
-/// Lets a stage run through.
-struct Unwatched;
-
-impl Observer for Unwatched {
-    fn updated(&mut self, _: &Progress) -> bool {
-        true
-    }
-    fn evaluated(&mut self, _: &Interim) {}
-    fn wants_stop(&mut self) -> bool {
-        false
-    }
-    fn wants_checkpoint(&mut self) -> bool {
-        false
-    }
-    fn checkpoint(&mut self, _: &Progress, _: Vec<u8>) {}
 }
