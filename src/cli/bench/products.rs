@@ -46,8 +46,8 @@ impl Bench {
         }
     }
 
-    /// Multiplies as training does, `times` times; 10⁹ operations a second.
-    pub(super) fn ours(&mut self, times: usize) -> f64 {
+    /// Multiplies with `gemm`, as the weights' gradient is gathered, `times` times; 10⁹ operations a second.
+    pub(super) fn gemm(&mut self, times: usize) -> f64 {
         let mut result = std::mem::replace(&mut self.result, DMatrix::zeros(0, 0));
         let (lhs, rhs) = self.operands();
         let s = seconds(|| (0..times).for_each(|_| product(result.as_mut_slice(), 0.0, &lhs, &rhs)));

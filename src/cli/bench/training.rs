@@ -92,7 +92,7 @@ impl Bencher<'_> {
             // The weights' gradient is gathered over the steps of a piece.
             let rows = minibatch * (shape.horizon - 1) * if which == "weights" { 70 } else { 1 };
             for (library, multiply) in
-                [("gemm", Bench::ours as fn(&mut Bench, usize) -> f64), ("nalgebra", Bench::nalgebra)]
+                [("gemm", Bench::gemm as fn(&mut Bench, usize) -> f64), ("nalgebra", Bench::nalgebra)]
             {
                 for &threads in &self.arguments.threads {
                     let mut benches: Vec<_> = (0..threads).map(|_| Bench::new(which, shape.layout(), rows)).collect();
