@@ -130,10 +130,8 @@ def started(command, url, **options):
 
 
 def fastapi(args, load, folder):
-    sys.path.insert(0, str(HERE))
-    import onnx
     import onnx_model
-    onnx.save(onnx_model.build(HIDDEN, HORIZON), folder / "model.onnx")
+    (folder / "model.onnx").write_bytes(onnx_model.Network(HIDDEN).graph("operator"))
     command = [sys.executable, str(HERE / "fastapi_server.py"), "--model", str(folder / "model.onnx"), "--port", str(args.port)]
     base = f"http://127.0.0.1:{args.port}"
     with started(command, f"{base}/openapi.json"):
