@@ -1,12 +1,11 @@
 //! Wiring: from settings and a socket to a running server.
 
-use std::future::{Future, IntoFuture};
+use std::future::Future;
 use std::net::SocketAddr;
 use std::sync::Arc;
 use std::time::Duration;
 
 use anyhow::Context;
-use axum::serve::ListenerExt;
 use jiff::Timestamp;
 use tokio::net::TcpListener;
 use tokio::runtime::Runtime;
@@ -15,7 +14,7 @@ use tokio::task::JoinHandle;
 use tokio::time::{Instant, timeout_at};
 
 use crate::config::Config;
-use crate::http::{AppState, Evaluator, InFlight, RequestIds, router, tally};
+use crate::http::{AppState, Evaluator, InFlight, Interface, RequestIds, connections, tally};
 use crate::predictor::{Predictor, TrialSettings};
 use crate::scheduler::{Scheduler, Training, step_back};
 use crate::store::Store;
@@ -46,7 +45,7 @@ pub async fn serve(
     tokio::select! {
         () = shutdown => {}
         ended = &mut parts.server => {
-            ended.context("the server broke")??;
+            ended.context("the server broke")?;
             anyhow::bail!("the server ended by itself");
         }
     }
@@ -128,7 +127,7 @@ impl Drop for Background {
 
 /// What runs beside each other.
 struct Parts {
-    server: JoinHandle<std::io::Result<()>>,
+    server: JoinHandle<()>,
     training: JoinHandle<()>,
     tally: JoinHandle<()>,
 }
@@ -137,21 +136,14 @@ impl Parts {
     fn start(
         listener: TcpListener,
         state: Arc<AppState>,
-        mut stopping: watch::Receiver<bool>,
+        stopping: watch::Receiver<bool>,
         background: &Background,
     ) -> Self {
         let (scheduler, metrics) = (state.scheduler.clone(), state.metrics.clone());
         background.spawn(tidied(metrics));
-        let listener = listener.tap_io(|connection| {
-            // An answer is written at once and whole; waiting for more to send with it only delays it.
-            let _ = connection.set_nodelay(true);
-        });
-        let server = axum::serve(listener, router(Arc::clone(&state))).with_graceful_shutdown(async move {
-            // A sender that is gone stops the server too.
-            let _ = stopping.wait_for(|&stop| stop).await;
-        });
+        let server = connections::serve(listener, Interface::new(Arc::clone(&state)), stopping);
         Self {
-            server: tokio::spawn(server.into_future()),
+            server: tokio::spawn(server),
             training: background.spawn(async move { scheduler.run().await }),
             tally: background.spawn(tally::run(state)),
         }
@@ -181,19 +173,17 @@ async fn tidied(metrics: Metrics) {
 
 #[cfg(test)]
 mod tests {
-    use axum::Router;
     use axum::body::{Body, to_bytes};
     use axum::http::header::CONTENT_TYPE;
     use axum::http::{Request, Response};
     use serde_json::{Value, json};
-    use tower::ServiceExt;
 
     use super::*;
     use crate::config::Layer;
 
-    async fn post(router: &Router, path: &str, body: &Value) -> (u16, Value) {
+    async fn post(interface: &Interface, path: &str, body: &Value) -> (u16, Value) {
         let request = Request::post(path).header(CONTENT_TYPE, "application/json").body(Body::from(body.to_string()));
-        answered(router.clone().oneshot(request.unwrap()).await.unwrap()).await
+        answered(interface.answer(request.unwrap()).await).await
     }
 
     async fn answered(response: Response<Body>) -> (u16, Value) {
@@ -203,7 +193,7 @@ mod tests {
     }
 
     /// A server whose model `default` has learned something small.
-    async fn learned(directory: &tempfile::TempDir) -> (Arc<AppState>, Router) {
+    async fn learned(directory: &tempfile::TempDir) -> (Arc<AppState>, Interface) {
         let settings = "[model]\nhidden = 3\nhorizon = 5\nepochs = 1\nschedule = \"manual\"\npromotion = \"auto\"";
         let database = directory.path().join("headway.db");
         let layers = [
@@ -214,29 +204,29 @@ mod tests {
         // Nobody looks at it here.
         let (_, stopping) = watch::channel(false);
         let state = assemble(Config::resolve(layers).unwrap(), stopping).await.unwrap();
-        let router = router(Arc::clone(&state));
+        let interface = Interface::new(Arc::clone(&state));
         let event = |speed: f64| {
             let same = |value| vec![value; 30];
             json!({"event_id": speed.to_string(), "split": "train", "dt_s": 0.1, "spacing_m": same(20.0),
                    "follower_speed_mps": same(speed), "leader_speed_mps": same(speed)})
         };
         let events = json!({"events": [event(8.0), event(9.0), event(10.0)]});
-        assert_eq!(post(&router, "/v1/models/default/batches", &events).await.0, 201);
-        assert_eq!(post(&router, "/v1/models/default/tasks", &json!({"batches": "pending"})).await.0, 202);
+        assert_eq!(post(&interface, "/v1/models/default/batches", &events).await.0, 201);
+        assert_eq!(post(&interface, "/v1/models/default/tasks", &json!({"batches": "pending"})).await.0, 202);
         state.scheduler.tick().await.unwrap();
         state.scheduler.settled().await;
-        (state, router)
+        (state, interface)
     }
 
     #[tokio::test]
     async fn a_prediction_by_what_is_live_asks_the_database_nothing() {
         let directory = tempfile::tempdir().unwrap();
-        let (state, router) = learned(&directory).await;
+        let (state, interface) = learned(&directory).await;
         let window =
             json!({"follower_speed_mps": vec![9; 5], "leader_speed_mps": vec![9; 5], "spacing_m": vec![20; 5]});
         let predict = async |version: Value| {
             let body = json!({"windows": [&window], "version": version});
-            post(&router, "/v1/models/default/predict", &body).await
+            post(&interface, "/v1/models/default/predict", &body).await
         };
         let before = predict(Value::Null).await;
         assert_eq!(before.0, 200, "{}", before.1);
@@ -244,8 +234,8 @@ mod tests {
         assert_eq!(predict(Value::Null).await, before);
         assert_eq!(predict(json!(1)).await, before);
         let simulate = json!({"initial": window, "leader_speed_mps": vec![9.0; 20]});
-        assert_eq!(post(&router, "/v1/models/default/simulate", &simulate).await.0, 200);
-        let listed = router.clone().oneshot(Request::get("/v1/models/default").body(Body::empty()).unwrap()).await;
-        assert_eq!(answered(listed.unwrap()).await.0, 500, "the database is closed");
+        assert_eq!(post(&interface, "/v1/models/default/simulate", &simulate).await.0, 200);
+        let listed = interface.answer(Request::get("/v1/models/default").body(Body::empty()).unwrap()).await;
+        assert_eq!(answered(listed).await.0, 500, "the database is closed");
     }
 }

@@ -1,14 +1,17 @@
 //! JSON bodies: bounded in size and time, and refused with a pointer to what is wrong.
 
+use std::fmt::Display;
+use std::pin::Pin;
 use std::sync::Arc;
 use std::time::Duration;
 
-use axum::body::Body;
+use axum::body::{Body, HttpBody};
 use axum::extract::{FromRequest, Request};
 use axum::http::HeaderMap;
 use axum::http::header::{CONTENT_LENGTH, CONTENT_TYPE};
 use bytes::Bytes;
-use futures_util::{Stream, StreamExt};
+use futures_util::Stream;
+use http_body_util::BodyExt;
 use serde::de::DeserializeOwned;
 use sha2::{Digest, Sha256};
 
@@ -33,7 +36,22 @@ impl<T: DeserializeOwned + Send + 'static> FromRequest<Arc<AppState>> for Json<T
     type Rejection = Problem;
 
     async fn from_request(request: Request, app: &Arc<AppState>) -> Result<Self, Problem> {
-        parse_somewhere(read(request, app).await?).await.map(Self)
+        let (parts, body) = request.into_parts();
+        Self::from_body(&parts.headers, body, app).await
+    }
+}
+
+impl<T: DeserializeOwned + Send + 'static> Json<T> {
+    /// Reads and understands a body that came with these headers.
+    ///
+    /// # Errors
+    /// When it is too large, stalls, breaks off, or is not what it should be.
+    pub(super) async fn from_body<B>(headers: &HeaderMap, body: B, app: &AppState) -> Result<Self, Problem>
+    where
+        B: HttpBody<Data = Bytes>,
+        B::Error: Display,
+    {
+        parse_somewhere(read(headers, body, app).await?).await.map(Self)
     }
 }
 
@@ -41,46 +59,70 @@ impl<T: DeserializeOwned + Send + 'static> FromRequest<Arc<AppState>> for JsonBo
     type Rejection = Problem;
 
     async fn from_request(request: Request, app: &Arc<AppState>) -> Result<Self, Problem> {
-        let query = request.uri().query().unwrap_or_default().to_owned();
-        let bytes = read(request, app).await?;
+        let (parts, body) = request.into_parts();
+        let bytes = read(&parts.headers, body, app).await?;
         let mut hasher = Sha256::new();
-        hasher.update(query.as_bytes());
+        hasher.update(parts.uri.query().unwrap_or_default().as_bytes());
         hasher.update([0]);
         hasher.update(&bytes);
         Ok(Self { value: parse_somewhere(bytes).await?, request_sha256: hasher.finalize().into() })
     }
 }
 
-/// The whole of a JSON body, within `json_body_bytes`.
-async fn read(request: Request, app: &AppState) -> Result<Vec<u8>, Problem> {
-    if !is_json(request.headers()) {
+/// The whole of a JSON body, within `json_body_bytes`; not copied when it came in one piece.
+async fn read<B>(headers: &HeaderMap, body: B, app: &AppState) -> Result<Bytes, Problem>
+where
+    B: HttpBody<Data = Bytes>,
+    B::Error: Display,
+{
+    if !is_json(headers) {
         return Err(Code::UnsupportedMediaType.because("this call takes application/json"));
     }
-    let limit = app.settings.json_body_bytes;
-    refuse_declared_excess(request.headers(), limit)?;
-    let mut chunks = std::pin::pin!(timed(request.into_body(), app.settings.body_idle_s));
-    let mut bytes = Vec::new();
-    while let Some(chunk) = chunks.next().await {
-        let chunk = chunk?;
-        if u64::try_from(bytes.len() + chunk.len()).unwrap_or(u64::MAX) > limit {
-            return Err(too_large(limit));
-        }
+    let (limit, idle_s) = (app.settings.json_body_bytes, app.settings.body_idle_s);
+    refuse_declared_excess(headers, limit)?;
+    let within = |bytes: usize| if bytes as u64 > limit { Err(too_large(limit)) } else { Ok(()) };
+    let mut body = std::pin::pin!(body);
+    let first = next_chunk(body.as_mut(), idle_s).await?.unwrap_or_default();
+    within(first.len())?;
+    let Some(mut chunk) = next_chunk(body.as_mut(), idle_s).await? else { return Ok(first) };
+    let mut bytes = Vec::from(first);
+    loop {
+        within(bytes.len() + chunk.len())?;
         bytes.extend_from_slice(&chunk);
+        match next_chunk(body.as_mut(), idle_s).await? {
+            Some(next) => chunk = next,
+            None => return Ok(bytes.into()),
+        }
     }
-    Ok(bytes)
+}
+
+/// The next chunk of a body, refusing one that stalls or breaks off.
+async fn next_chunk<B>(mut body: Pin<&mut B>, idle_s: f64) -> Result<Option<Bytes>, Problem>
+where
+    B: HttpBody<Data = Bytes>,
+    B::Error: Display,
+{
+    let idle = Duration::from_secs_f64(idle_s);
+    // A body whose length was told has ended with its last byte: nothing more is waited for.
+    while !body.is_end_stream() {
+        match tokio::time::timeout(idle, body.frame()).await {
+            Ok(None) => break,
+            Ok(Some(Ok(frame))) => {
+                if let Ok(chunk) = frame.into_data() {
+                    return Ok(Some(chunk));
+                }
+            }
+            Ok(Some(Err(e))) => return Err(Code::TruncatedBody.because(e.to_string())),
+            Err(_) => return Err(Code::BodyTimeout.because(format!("nothing came for {idle_s} s"))),
+        }
+    }
+    Ok(None)
 }
 
 /// The chunks of a body, refusing one that stalls or breaks off.
 pub(super) fn timed(body: Body, idle_s: f64) -> impl Stream<Item = Result<Bytes, Problem>> + Send {
-    let idle = Duration::from_secs_f64(idle_s);
-    futures_util::stream::unfold(Some(body.into_data_stream()), move |state| async move {
-        let mut chunks = state?;
-        match tokio::time::timeout(idle, chunks.next()).await {
-            Ok(None) => None,
-            Ok(Some(Ok(chunk))) => Some((Ok(chunk), Some(chunks))),
-            Ok(Some(Err(e))) => Some((Err(Code::TruncatedBody.because(e.to_string())), None)),
-            Err(_) => Some((Err(Code::BodyTimeout.because(format!("nothing came for {idle_s} s"))), None)),
-        }
+    futures_util::stream::try_unfold(body, move |mut body| async move {
+        Ok(next_chunk(Pin::new(&mut body), idle_s).await?.map(|chunk| (chunk, body)))
     })
 }
 
@@ -113,7 +155,7 @@ fn is_json(headers: &HeaderMap) -> bool {
 }
 
 /// Long bodies are parsed off the async runtime.
-async fn parse_somewhere<T: DeserializeOwned + Send + 'static>(bytes: Vec<u8>) -> Result<T, Problem> {
+async fn parse_somewhere<T: DeserializeOwned + Send + 'static>(bytes: Bytes) -> Result<T, Problem> {
     const INLINE_BYTES: usize = 64 * 1024;
     if bytes.len() <= INLINE_BYTES {
         return parse(&bytes);

@@ -1,6 +1,7 @@
 //! The outermost layer: request ids, the log line, the metrics, and the rendering of problems.
 
 use std::hash::{BuildHasher, RandomState};
+use std::io::Write;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
@@ -11,13 +12,15 @@ use axum::http::header::{ACCEPT, HeaderMap, HeaderName, HeaderValue};
 use axum::http::request::Parts;
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
+use tracing::instrument::Instrumented;
 use tracing::{Instrument, Span};
 
 use super::AppState;
+use super::predict;
 use super::problem::{Code, Problem, RequestContext};
 
 /// Routes that may be called thousands of times a second: unless something is wrong, their log lines are for `debug`.
-const OFTEN: [&str; 2] = ["/v1/models/{model}/predict", "/v1/models/{model}/simulate"];
+const OFTEN: [&str; 2] = [predict::ROUTE, "/v1/models/{model}/simulate"];
 
 const REQUEST_ID: HeaderName = HeaderName::from_static("x-request-id");
 
@@ -44,48 +47,109 @@ impl Default for RequestIds {
 }
 
 impl RequestIds {
-    fn of(&self, headers: &HeaderMap) -> String {
-        let given = headers.get(REQUEST_ID).and_then(|value| value.to_str().ok()).filter(|id| is_sane(id));
-        match given {
-            Some(id) => id.to_owned(),
-            None => format!("{:08x}-{:x}", self.prefix, self.next.fetch_add(1, Ordering::Relaxed)),
-        }
+    /// The client's, where it is usable, else one of ours.
+    fn of(&self, headers: &HeaderMap) -> HeaderValue {
+        let given = headers.get(REQUEST_ID).filter(|id| is_sane(id.as_bytes()));
+        given.cloned().unwrap_or_else(|| self.made())
+    }
+
+    fn made(&self) -> HeaderValue {
+        let mut id = [0; 8 + 1 + 16];
+        let mut rest = &mut id[..];
+        write!(rest, "{:08x}-{:x}", self.prefix, self.next.fetch_add(1, Ordering::Relaxed)).expect("it fits");
+        let unused = rest.len();
+        HeaderValue::from_bytes(&id[..id.len() - unused]).expect("request ids are ASCII")
     }
 }
 
-fn is_sane(id: &str) -> bool {
-    (1..=128).contains(&id.len()) && id.bytes().all(|b| b.is_ascii_alphanumeric() || b"-_.:".contains(&b))
+fn is_sane(id: &[u8]) -> bool {
+    (1..=128).contains(&id.len()) && id.iter().all(|&b| b.is_ascii_alphanumeric() || b"-_.:".contains(&b))
 }
 
-/// The outermost layer.
+/// The router's outermost layer: an [`Observation`] around everything it answers.
 pub(super) async fn observe(State(app): State<Arc<AppState>>, mut request: Request, next: Next) -> Response {
-    let began = Instant::now();
-    let context =
-        RequestContext { request_id: app.request_ids.of(request.headers()), path: request.uri().path().to_owned() };
-    let method = request.method().clone();
     let matched = request.extensions().get::<MatchedPath>().cloned();
     let route = matched.as_ref().map_or("unmatched", MatchedPath::as_str);
-    request.extensions_mut().insert(context.clone());
-    let often = OFTEN.contains(&route);
-    let span = || tracing::info_span!("request", request_id = context.request_id, %method, path = context.path);
-    let told = if often && !tracing::enabled!(tracing::Level::DEBUG) { Span::none() } else { span() };
-    let response = match acceptable(request.headers(), route) {
-        Ok(()) => next.run(request).instrument(told.clone()).await,
+    let path = request.uri().path().to_owned();
+    let observation = Observation::begin(&app, route, request.method(), &path, request.headers());
+    request.extensions_mut().insert(observation.context());
+    let answer = match acceptable(request.headers(), route) {
+        Ok(()) => observation.within(next.run(request)).await,
         Err(problem) => problem.into_response(),
     };
-    let well = response.status().is_success();
-    let told = if told.is_none() && !well { span() } else { told };
-    let mut response = render(response, &context, &told);
-    let id = HeaderValue::try_from(&context.request_id).expect("request ids are ASCII");
-    response.headers_mut().insert(REQUEST_ID, id);
-    let (status, elapsed_s) = (response.status().as_u16(), began.elapsed().as_secs_f64());
-    app.metrics.http_request(route, counted(&method), status, elapsed_s);
-    if often && well {
-        told.in_scope(|| tracing::debug!(status, elapsed_s, "answered"));
-    } else {
-        told.in_scope(|| tracing::info!(status, elapsed_s, "answered"));
+    observation.end(answer)
+}
+
+/// What is to be told of a request once it is answered. Makes nothing that only a log line or a problem would need before it
+/// is known that there is one.
+#[derive(Debug)]
+pub(super) struct Observation<'a> {
+    app: &'a AppState,
+    route: &'a str,
+    path: &'a str,
+    method: Method,
+    request_id: HeaderValue,
+    began: Instant,
+    /// None while the request is one of very many and `debug` is off.
+    span: Span,
+}
+
+impl<'a> Observation<'a> {
+    /// Names the request, and looks at the clock.
+    pub(super) fn begin(
+        app: &'a AppState,
+        route: &'a str,
+        method: &Method,
+        path: &'a str,
+        headers: &HeaderMap,
+    ) -> Self {
+        let (method, request_id) = (method.clone(), app.request_ids.of(headers));
+        let mut begun = Self { app, route, path, method, request_id, began: Instant::now(), span: Span::none() };
+        if !OFTEN.contains(&route) || tracing::enabled!(tracing::Level::DEBUG) {
+            begun.span = begun.make_span();
+        }
+        begun
     }
-    response
+
+    /// `answering`, whose log lines say which request they belong to.
+    pub(super) fn within<F>(&self, answering: F) -> Instrumented<F> {
+        answering.instrument(self.span.clone())
+    }
+
+    /// Renders the problem that `answer` may be, names the request in it, counts it and logs it.
+    pub(super) fn end(mut self, mut answer: Response) -> Response {
+        let well = answer.status().is_success();
+        if !well && self.span.is_none() {
+            self.span = self.make_span();
+        }
+        if let Some(problem) = answer.extensions_mut().remove::<Problem>() {
+            if let Some(cause) = problem.cause() {
+                self.span.in_scope(|| tracing::error!(cause, "request failed"));
+            }
+            answer = problem.answer(&self.context()).into_response();
+        }
+        let (status, elapsed_s) = (answer.status().as_u16(), self.began.elapsed().as_secs_f64());
+        self.app.metrics.http_request(self.route, counted(&self.method), status, elapsed_s);
+        if OFTEN.contains(&self.route) && well {
+            self.span.in_scope(|| tracing::debug!(status, elapsed_s, "answered"));
+        } else {
+            self.span.in_scope(|| tracing::info!(status, elapsed_s, "answered"));
+        }
+        answer.headers_mut().insert(REQUEST_ID, self.request_id);
+        answer
+    }
+
+    fn context(&self) -> RequestContext {
+        RequestContext { request_id: self.request_id().to_owned(), path: self.path.to_owned() }
+    }
+
+    fn request_id(&self) -> &str {
+        self.request_id.to_str().expect("request ids are ASCII")
+    }
+
+    fn make_span(&self) -> Span {
+        tracing::info_span!("request", request_id = self.request_id(), method = %self.method, path = self.path)
+    }
 }
 
 /// A method as the metrics know it: clients may make up others, and each would be counted for ever.
@@ -102,16 +166,8 @@ fn counted(method: &Method) -> &'static str {
     }
 }
 
-fn render(mut response: Response, context: &RequestContext, span: &tracing::Span) -> Response {
-    let Some(problem) = response.extensions_mut().remove::<Problem>() else { return response };
-    if let Some(cause) = problem.cause() {
-        span.in_scope(|| tracing::error!(cause, "request failed"));
-    }
-    problem.answer(context).into_response()
-}
-
 /// Whether the client takes what the route sends.
-fn acceptable(headers: &HeaderMap, route: &str) -> Result<(), Problem> {
+pub(super) fn acceptable(headers: &HeaderMap, route: &str) -> Result<(), Problem> {
     let offers: &[&str] = match route {
         "/metrics" => &["text/plain"],
         route if route.ends_with("/progress") => &["text/event-stream"],
@@ -148,7 +204,7 @@ mod tests {
         assert_eq!(ids.of(&headers(REQUEST_ID, "trace-7.a:b_c")), "trace-7.a:b_c");
         let made = ids.of(&headers(REQUEST_ID, "two words"));
         assert_ne!(made, ids.of(&HeaderMap::new()));
-        assert!(is_sane(&made));
+        assert!(is_sane(made.as_bytes()));
     }
 
     #[test]

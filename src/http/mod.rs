@@ -10,6 +10,8 @@ mod batches;
 mod body;
 /// Request ids, log line, metrics, rendering of problems.
 mod context;
+/// Connections.
+pub mod connections;
 /// `ETag` and `If-Match`.
 mod etag;
 /// Versions and reference drivers on events that are not kept.
@@ -20,10 +22,14 @@ mod events_body;
 mod health;
 /// `Idempotency-Key`.
 mod idempotency;
+/// What answers a connection's requests.
+mod interface;
 /// `/v1/models` and what holds a model's training.
 mod models;
 /// JSON objects, where no array will do.
 mod object;
+/// Arrays of numbers.
+mod numbers;
 /// Names and ids in paths.
 mod path;
 /// Predictions and simulations.
@@ -44,12 +50,14 @@ mod tasks;
 /// What tasks made.
 mod versions;
 
+use std::any::Any;
 use std::sync::Arc;
 
 use axum::Router;
 use axum::extract::DefaultBodyLimit;
 use axum::http::{Method, Uri};
 use axum::middleware::from_fn_with_state;
+use axum::response::IntoResponse;
 use axum::routing::{MethodRouter, get, post};
 use tokio::sync::{Semaphore, watch};
 use tower_http::catch_panic::CatchPanicLayer;
@@ -57,6 +65,7 @@ use tower_http::catch_panic::CatchPanicLayer;
 pub use context::RequestIds;
 pub use evaluate::Evaluator;
 pub use idempotency::InFlight;
+pub use interface::Interface;
 pub use problem::Code;
 pub use settings::ServerSettings;
 
@@ -130,7 +139,7 @@ fn routes() -> Vec<Route> {
         ("/v1/models/{model}/promote", post(serving::promote)),
         ("/v1/models/{model}/rollback", post(serving::rollback)),
         ("/v1/models/{model}/history", get(serving::history)),
-        ("/v1/models/{model}/predict", post(predict::predict)),
+        (predict::ROUTE, post(predict::predict)),
         ("/v1/models/{model}/simulate", post(predict::simulate)),
     ]
 }
@@ -147,25 +156,25 @@ pub fn paths() -> Vec<&'static str> {
     routes().into_iter().map(|(path, _)| path).collect()
 }
 
-/// The whole interface.
-pub fn router(app: Arc<AppState>) -> Router {
+/// Every route and what is around all of them.
+fn router(app: Arc<AppState>) -> Router {
     let router = routes().into_iter().fold(Router::new(), |router, (path, methods)| router.route(path, methods));
     router
         .fallback(async |uri: Uri| Code::NotFound.because(format!("{} is not a path of this server", uri.path())))
         .method_not_allowed_fallback(async |method: Method| Code::MethodNotAllowed.because(format!("{method} is none")))
-        .layer(CatchPanicLayer::custom(panicked))
+        .layer(CatchPanicLayer::custom(|payload: Box<dyn Any + Send>| panicked(&*payload).into_response()))
         .layer(from_fn_with_state(Arc::clone(&app), context::observe))
         // Bodies are bounded where they are read: JSON and uploads have limits of their own.
         .layer(DefaultBodyLimit::disable())
         .with_state(app)
 }
 
-#[expect(clippy::needless_pass_by_value, reason = "the layer hands it over")]
-fn panicked(payload: Box<dyn std::any::Any + Send>) -> axum::response::Response {
+/// A 500 for a handler that panicked.
+fn panicked(payload: &(dyn Any + Send)) -> Problem {
     let cause = payload
         .downcast_ref::<String>()
         .map(String::as_str)
         .or_else(|| payload.downcast_ref::<&str>().copied())
         .unwrap_or("no message");
-    axum::response::IntoResponse::into_response(Problem::internal(format!("panic: {cause}")))
+    Problem::internal(format!("panic: {cause}"))
 }

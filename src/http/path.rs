@@ -55,7 +55,16 @@ impl FromRequestParts<Arc<AppState>> for ServedAt {
     type Rejection = Problem;
 
     async fn from_request_parts(parts: &mut Parts, app: &Arc<AppState>) -> Result<Self, Problem> {
-        let name = parameter(parts, "model").await?;
+        Self::find(app, parameter(parts, "model").await?).await
+    }
+}
+
+impl ServedAt {
+    /// The model called `name`, which need not be well formed.
+    ///
+    /// # Errors
+    /// 404 when there is none.
+    pub(super) async fn find(app: &AppState, name: String) -> Result<Self, Problem> {
         let model_id = match app.predictor.serving(&name) {
             Some(model_id) => model_id,
             None => find_model(app, &name).await?.model_id,

@@ -10,6 +10,7 @@ use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 use super::AppState;
 use super::answer::ok_json;
 use super::body::Json;
+use super::numbers::{GREATEST, Numbers};
 use super::object::Object;
 use super::path::ServedAt;
 use super::problem::{Code, InputError, Problem};
@@ -17,16 +18,16 @@ use super::versions;
 use crate::driver::Window;
 use crate::predictor::{PredictError, Prediction, Simulated};
 
-/// Greatest number taken, m or m/s: absurd on a road, and what the network makes of it is finite.
-const GREATEST: f64 = 1e6;
+/// Where predictions are asked.
+pub(super) const ROUTE: &str = "/v1/models/{model}/predict";
 
-/// A window as clients send it. Numbers are read at double precision, as those of uploads are.
+/// A window as clients send it.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct WindowBody {
-    follower_speed_mps: Vec<f64>,
-    leader_speed_mps: Vec<f64>,
-    spacing_m: Vec<f64>,
+    follower_speed_mps: Numbers,
+    leader_speed_mps: Numbers,
+    spacing_m: Numbers,
 }
 
 /// The body of a prediction.
@@ -42,7 +43,7 @@ pub(super) struct PredictBody {
 #[serde(deny_unknown_fields)]
 pub(super) struct SimulateBody {
     initial: Object<WindowBody>,
-    leader_speed_mps: Vec<f64>,
+    leader_speed_mps: Numbers,
     version: Option<i64>,
 }
 
@@ -74,25 +75,26 @@ impl Defects {
         }
     }
 
-    fn numbers(&mut self, pointer: &str, values: &[f64]) {
-        for (step, value) in values.iter().enumerate().filter(|(_, value)| value.abs() > GREATEST) {
+    fn numbers(&mut self, pointer: &str, numbers: &Numbers) {
+        for (step, value) in numbers.absurd() {
             let detail = format!("{value:e} is not within ±{GREATEST:e}");
             self.add(format!("{pointer}/{step}"), "out_of_range", detail);
         }
     }
 
-    fn window(&mut self, pointer: &str, window: &WindowBody, horizon: usize) {
+    /// Where it is, is written out only when something is wrong with it.
+    fn window(&mut self, pointer: impl Fn() -> String, window: &WindowBody, horizon: usize) {
         for (member, values) in [
             ("follower_speed_mps", &window.follower_speed_mps),
             ("leader_speed_mps", &window.leader_speed_mps),
             ("spacing_m", &window.spacing_m),
         ] {
-            let pointer = format!("{pointer}/{member}");
-            if values.len() == horizon {
-                self.numbers(&pointer, values);
-            } else {
+            let pointer = || format!("{}/{member}", pointer());
+            if values.len() != horizon {
                 let detail = format!("{} steps; exactly the last {horizon} are needed, oldest first", values.len());
-                self.add(pointer, "window_length", detail);
+                self.add(pointer(), "window_length", detail);
+            } else if !values.absurd().is_empty() {
+                self.numbers(&pointer(), values);
             }
         }
     }
@@ -105,15 +107,11 @@ impl Defects {
 impl From<WindowBody> for Window {
     fn from(body: WindowBody) -> Self {
         Self {
-            follower_speed_mps: narrowed(&body.follower_speed_mps),
-            leader_speed_mps: narrowed(&body.leader_speed_mps),
-            spacing_m: narrowed(&body.spacing_m),
+            follower_speed_mps: body.follower_speed_mps.into_narrowed(),
+            leader_speed_mps: body.leader_speed_mps.into_narrowed(),
+            spacing_m: body.spacing_m.into_narrowed(),
         }
     }
-}
-
-fn narrowed(values: &[f64]) -> Vec<f32> {
-    values.iter().map(|&value| value as f32).collect()
 }
 
 fn slot(slots: &Arc<Semaphore>) -> Result<OwnedSemaphorePermit, Problem> {
@@ -135,22 +133,30 @@ pub(super) async fn predict(
     model: ServedAt,
     Json(body): Json<PredictBody>,
 ) -> Result<Response, Problem> {
+    answer(&app, &model, body).await
+}
+
+/// The answer to a prediction's body.
+///
+/// # Errors
+/// When it cannot be answered.
+pub(super) async fn answer(app: &AppState, model: &ServedAt, body: PredictBody) -> Result<Response, Problem> {
     let most = app.settings.predict_windows_max;
     if !(1..=most).contains(&body.windows.len()) {
         return Err(too_many("/windows", body.windows.len(), most));
     }
     let long = body.windows.len() > app.predictor.settings().inline_windows;
     let _slot = if long { Some(slot(&app.prediction_slots)?) } else { None };
-    let loaded = app.predictor.version(model.model_id, body.version).await.map_err(|e| refusal(&model, e))?;
+    let loaded = app.predictor.version(model.model_id, body.version).await.map_err(|e| refusal(model, e))?;
     let mut defects = Defects { most: app.settings.errors_max, found: Vec::new() };
     for (at, Object(window)) in body.windows.iter().enumerate() {
-        defects.window(&format!("/windows/{at}"), window, loaded.horizon());
+        defects.window(|| format!("/windows/{at}"), window, loaded.horizon());
     }
     defects.refuse("a window cannot be read")?;
     let version = loaded.version();
     let windows: Vec<Window> = body.windows.into_iter().map(|Object(window)| window.into()).collect();
     let count = windows.len();
-    let predictions = app.predictor.predict(loaded, windows).await.map_err(|e| refusal(&model, e))?;
+    let predictions = app.predictor.predict(loaded, windows).await.map_err(|e| refusal(model, e))?;
     if predictions.iter().any(|p| !p.accel_mps2.is_finite() || !p.raw_accel_mps2.is_finite()) {
         return Err(Problem::internal(format!("version {version} predicts a number that is not finite")));
     }
@@ -171,11 +177,11 @@ pub(super) async fn simulate(
     let _slot = slot(&app.prediction_slots)?;
     let loaded = app.predictor.version(model.model_id, body.version).await.map_err(|e| refusal(&model, e))?;
     let mut defects = Defects { most: app.settings.errors_max, found: Vec::new() };
-    defects.window("/initial", &body.initial.0, loaded.horizon());
+    defects.window(|| "/initial".to_owned(), &body.initial.0, loaded.horizon());
     defects.numbers("/leader_speed_mps", &body.leader_speed_mps);
     defects.refuse("the simulation cannot begin")?;
     let version = loaded.version();
-    let drive = app.predictor.simulate(loaded, body.initial.0.into(), narrowed(&body.leader_speed_mps)).await;
+    let drive = app.predictor.simulate(loaded, body.initial.0.into(), body.leader_speed_mps.into_narrowed()).await;
     let drive = drive.map_err(|e| refusal(&model, e))?;
     let arrays = [&drive.spacing_m, &drive.follower_speed_mps, &drive.accel_mps2];
     if arrays.into_iter().flatten().any(|value| !value.is_finite()) {
@@ -202,14 +208,15 @@ mod tests {
 
     #[test]
     fn every_bad_window_is_listed_up_to_the_bound() {
+        let numbers = |values: &[f64]| serde_json::from_value(serde_json::json!(values)).unwrap();
         let window = |n: usize| WindowBody {
-            follower_speed_mps: vec![1.0; n],
-            leader_speed_mps: vec![1.0; 2],
-            spacing_m: vec![1.0, -2e6],
+            follower_speed_mps: numbers(&vec![1.0; n]),
+            leader_speed_mps: numbers(&[1.0; 2]),
+            spacing_m: numbers(&[1.0, -2e6]),
         };
         let mut defects = Defects { most: 3, found: Vec::new() };
         for at in 0..3 {
-            defects.window(&format!("/windows/{at}"), &window(at + 1), 2);
+            defects.window(|| format!("/windows/{at}"), &window(at + 1), 2);
         }
         let places: Vec<_> =
             defects.found.iter().map(|e| serde_json::to_value(e).unwrap()["pointer"].clone()).collect();

@@ -25,6 +25,8 @@ mod predict;
 mod problems;
 /// Promote, rollback, history.
 mod serving;
+/// Predictions, which are recognised before the router.
+mod short_way;
 /// Stopping and starting again.
 mod stopping;
 /// Strengths that are searched.

@@ -2,6 +2,7 @@ use std::io::{BufRead, BufReader, Read};
 use std::process::{Command, Stdio};
 
 use serde_json::json;
+use tokio::io::{AsyncReadExt, AsyncWriteExt};
 
 use crate::support::events::{events, window};
 use crate::support::server::Server;
@@ -67,6 +68,21 @@ async fn waiting_ends_when_the_server_stops() {
     server.tell_to_stop();
     assert_eq!(waiting.await.unwrap(), 200);
     server.stop().await;
+}
+
+#[tokio::test]
+async fn connections_that_ask_nothing_do_not_keep_the_server() {
+    let server = Server::start_with("[server]\ndrain_s = 3600").await;
+    let address = server.url.trim_start_matches("http://").to_owned();
+    let mut silent = tokio::net::TcpStream::connect(&address).await.unwrap();
+    let mut idle = tokio::net::TcpStream::connect(&address).await.unwrap();
+    idle.write_all(b"GET /healthz HTTP/1.1\r\nhost: x\r\n\r\n").await.unwrap();
+    assert!(idle.read_u8().await.is_ok(), "answered, so that it now waits between two requests");
+    server.stop().await;
+    let mut rest = Vec::new();
+    assert_eq!(silent.read_to_end(&mut rest).await.unwrap(), 0);
+    idle.read_to_end(&mut rest).await.unwrap();
+    assert!(tokio::net::TcpStream::connect(&address).await.is_err());
 }
 
 #[tokio::test]
