@@ -20,7 +20,7 @@ const LOOKED_AT_TOGETHER: usize = 64;
 /// Every output's own gradient counts, so the result does not depend on how the events came in batches; `events` must be in
 /// an order of their own (that of their digests) for equal bits. Over the open loop, window by window, exact importance costs
 /// about an epoch; over the closed loop, or with a carried state, a drive for every output: as many epochs as two events have
-/// steps. Sampled, it costs an epoch of minibatches of one for each draw.
+/// steps. Sampled, it costs a drive forward, and one backward for each draw; with a carried state events are driven together.
 ///
 /// Returns the importance and M; none when `go_on`, asked on the way, says no.
 pub fn importance<T: Real>(
@@ -35,15 +35,12 @@ pub fn importance<T: Real>(
     let shape = crew.shape();
     let scalars = Scalars::new(kept, options, shape);
     let network = Network::new(shape.layout(), weights);
-    let piece_sums = |drive: &mut Drive<T>, piece: &[&Event]| -> Vec<f64> {
-        let wide = |sums: Vec<T>| sums.into_iter().map(T::wide).collect();
-        match (options.estimator, options.output) {
-            (Estimator::Sampled, _) => sampled::sampled(drive, scalars, kept, options.draws, &network, scaling, piece),
-            (_, Output::OpenLoop) if shape.memory == Memory::Window => {
-                wide(exact::open_loop(shape, scalars, kept, &network, scaling, piece))
-            }
-            _ => wide(exact::one_by_one(drive, scalars, kept, &network, scaling, piece)),
+    let piece_sums = |drive: &mut Drive<T>, piece: &[&Event]| match (options.estimator, options.output) {
+        (Estimator::Sampled, _) => sampled::sampled(drive, scalars, kept, options.draws, &network, scaling, piece),
+        (_, Output::OpenLoop) if shape.memory == Memory::Window => {
+            exact::open_loop(shape, scalars, kept, &network, scaling, piece)
         }
+        _ => exact::one_by_one(drive, scalars, kept, &network, scaling, piece),
     };
     let mut sorted = events.to_vec();
     sorted.sort_by_key(|event| std::cmp::Reverse(event.steps()));
@@ -54,7 +51,7 @@ pub fn importance<T: Real>(
         }
         crew.each(together, piece_sums, |sums| {
             for (total, sum) in total.iter_mut().zip(sums) {
-                *total += sum;
+                *total += sum.wide();
             }
         });
     }

@@ -2,6 +2,7 @@
 
 mod accumulation;
 mod exact;
+mod geometric;
 mod importance;
 mod memory;
 mod method;

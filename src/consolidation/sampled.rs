@@ -1,15 +1,17 @@
 //! Importance from one backward pass per event and draw, right on average.
 
 use super::Kept;
+use super::geometric::GeometricMean;
 use super::noise::Noise;
 use super::seeds::Scalars;
 use crate::car_following::Event;
 use crate::driver::{Drive, Scaling};
-use crate::lstm::{Network, Real};
+use crate::lstm::{Network, Real, vectorised};
 
-/// An unbiased estimate of `Σ_n Σ_k (∂y_nk/∂θ)²` or `Σ_n Σ_k |∂y_nk/∂θ|`, one event's gradient at a time.
+/// An unbiased estimate of `Σ_n Σ_k (∂y_nk/∂θ)²` or `Σ_n Σ_k |∂y_nk/∂θ|` for events that are sorted longest first.
 ///
-/// Each draw seeds every scalar of the event with a random number `ε_k` and goes back once, which gives `X = Σ_k ε_k g_k`.
+/// Events are driven together, once; each draw seeds every scalar with a random number `ε_k` and goes back once through all of
+/// them, which gives `X = Σ_k ε_k g_k` of every event on its own.
 ///
 /// - Squares: with normal ε, `E X² = Σ g_k²`; the mean over D draws has the relative variance 2/D, for one event.
 /// - Absolute values: with Cauchy ε, X is Cauchy with scale `Σ |g_k|` (the law is 1-stable). Its mean does not exist, but
@@ -25,35 +27,50 @@ pub(super) fn sampled<T: Real>(
     network: &Network<T>,
     scaling: &Scaling,
     events: &[&Event],
-) -> Vec<f64> {
-    let mut sums = vec![0.0; network.weights().len()];
-    let mut products = vec![1.0; network.weights().len()];
-    let mut gradient = vec![T::zero(); network.weights().len()];
+) -> Vec<T> {
+    let parameters = network.weights().len();
+    let mut sums = vec![T::zero(); parameters];
     let share = 1.0 / f64::from(draws);
-    for event in events {
-        products.fill(1.0);
+    let mut means: Vec<_> = match kept {
+        Kept::Fisher => Vec::new(),
+        Kept::Sensitivity => events.iter().take(drive.apart()).map(|_| GeometricMean::new(parameters)).collect(),
+    };
+    for events in events.chunks(drive.apart()) {
+        scalars.drive(drive, network, scaling, events);
         for draw in 0..draws {
-            let mut noise = Noise::keyed(event, draw);
-            let coefficients: Vec<f64> = (0..scalars.count(event))
-                .map(|_| match kept {
-                    Kept::Fisher => noise.normal(),
-                    Kept::Sensitivity => noise.cauchy(),
-                })
-                .collect();
-            scalars.combine(drive, network, scaling, event, &coefficients, &mut gradient);
-            for ((sum, product), g) in sums.iter_mut().zip(&mut products).zip(&gradient) {
-                match kept {
-                    Kept::Fisher => *sum += share * g.wide() * g.wide(),
-                    Kept::Sensitivity => *product *= g.wide().abs(),
-                }
-            }
+            let coefficients: Vec<_> =
+                events.iter().map(|event| noise(kept, event, draw, scalars.count(event))).collect();
+            scalars.combine(drive, network, scaling, events, &coefficients, |n, gradient| match kept {
+                Kept::Fisher => add_squares(gradient, share, &mut sums),
+                Kept::Sensitivity => means[n].add(gradient),
+            });
         }
-        if kept == Kept::Sensitivity {
-            let scale = (0.5 * std::f64::consts::PI * share).cos().powf(f64::from(draws));
-            for (sum, product) in sums.iter_mut().zip(&products) {
-                *sum += scale * product.powf(share);
-            }
+        let unbiased = (0.5 * std::f64::consts::PI * share).cos().powf(f64::from(draws));
+        for mean in means.iter_mut().take(events.len()) {
+            mean.add_to(unbiased, &mut sums);
         }
     }
     sums
+}
+
+/// What an event's scalars are seeded with.
+fn noise(kept: Kept, event: &Event, draw: u32, count: usize) -> Vec<f64> {
+    let mut noise = Noise::keyed(event, draw);
+    let each = |_| match kept {
+        Kept::Fisher => noise.normal(),
+        Kept::Sensitivity => noise.cauchy(),
+    };
+    (0..count).map(each).collect()
+}
+
+fn add_squares<T: Real>(gradient: &[T], share: f64, sums: &mut [T]) {
+    let share = T::of(share);
+    vectorised(
+        #[inline(always)]
+        || {
+            for (sum, g) in sums.iter_mut().zip(gradient) {
+                *sum += share * *g * *g;
+            }
+        },
+    );
 }

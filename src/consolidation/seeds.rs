@@ -2,7 +2,7 @@
 
 use super::{Estimator, ImportanceOptions, Kept, MasOutput, Output};
 use crate::car_following::Event;
-use crate::driver::{Drive, DriverShape, Loop, Scaling, TrajectoryGradient};
+use crate::driver::{By, Drive, DriverShape, Loop, Scaling, TrajectoryGradient};
 use crate::lstm::{Network, Real};
 
 /// A scalar function of one step's output.
@@ -60,40 +60,55 @@ impl Scalars {
         }
     }
 
-    /// Writes `Σ_k c_k ∂y_k/∂θ` of one event into `gradient`: one pass forward and one backward.
+    /// Drives events, longest first and no more than [`Drive::apart`], the way that these scalars are about.
+    pub(super) fn drive<T: Real>(
+        self,
+        drive: &mut Drive<T>,
+        network: &Network<T>,
+        scaling: &Scaling,
+        events: &[&Event],
+    ) {
+        let which = match self.output {
+            Output::OpenLoop => Loop::Open,
+            Output::ClosedLoop => Loop::Closed,
+        };
+        drive.forward(network, scaling, events, which);
+    }
+
+    /// After [`Self::drive`], any number of times: gives `each` the number n of every event and `Σ_k c_nk ∂y_nk/∂θ`, the
+    /// coefficients being those of the events in their order. One pass backward through all of them.
     pub(super) fn combine<T: Real>(
         self,
         drive: &mut Drive<T>,
         network: &Network<T>,
         scaling: &Scaling,
-        event: &Event,
-        coefficients: &[f64],
-        gradient: &mut [T],
+        events: &[&Event],
+        coefficients: &[Vec<f64>],
+        each: impl FnMut(usize, &[T]),
     ) {
-        gradient.fill(T::zero());
         let first = self.shape.horizon;
-        match self.output {
-            Output::OpenLoop => {
-                drive.forward(network, scaling, &[event], Loop::Open);
-                let seed = |t: usize, _, a: T| T::of(coefficients[t - first]) * self.by_accel(event, t, a);
-                drive.backward_open_sum(network, seed, gradient);
-            }
-            Output::ClosedLoop => {
-                drive.forward(network, scaling, &[event], Loop::Closed);
-                let mut by = TrajectoryGradient {
-                    spacing: vec![T::zero(); event.steps()],
-                    speed: vec![T::zero(); event.steps()],
-                };
-                for (k, of_step) in coefficients.chunks_exact(self.each_step()).enumerate() {
-                    let t = first + k;
-                    (by.spacing[t], by.speed[t]) = if let [spacing, speed] = *of_step {
-                        (T::of(spacing), T::of(speed))
-                    } else {
+        let mut by = vec![T::zero(); events[0].steps() * events.len()];
+        let mut by_speed = if self.output == Output::ClosedLoop { by.clone() } else { Vec::new() };
+        for (n, (event, of_event)) in events.iter().zip(coefficients).enumerate() {
+            for (t, of_step) in (first..).zip(of_event.chunks_exact(self.each_step())) {
+                let at = t * events.len() + n;
+                match (self.output, of_step) {
+                    (Output::OpenLoop, _) => {
+                        by[at] = T::of(of_step[0]) * self.by_accel(event, t, drive.accel_mps2(t, n));
+                    }
+                    (Output::ClosedLoop, [spacing, speed]) => (by[at], by_speed[at]) = (T::of(*spacing), T::of(*speed)),
+                    (Output::ClosedLoop, _) => {
                         let twice = T::of(2.0 * of_step[0]);
-                        (twice * drive.spacing_m(t, 0), twice * drive.speed_mps(t, 0))
-                    };
+                        (by[at], by_speed[at]) = (twice * drive.spacing_m(t, n), twice * drive.speed_mps(t, n));
+                    }
                 }
-                drive.backward(network, scaling, &by, gradient);
+            }
+        }
+        match self.output {
+            Output::OpenLoop => drive.backward_each(network, scaling, By::Accelerations(&by), each),
+            Output::ClosedLoop => {
+                let by = TrajectoryGradient { spacing: by, speed: by_speed };
+                drive.backward_each(network, scaling, By::Trajectory(&by), each);
             }
         }
     }

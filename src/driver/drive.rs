@@ -40,6 +40,7 @@ pub struct Drive<T> {
     outputs: Vec<T>,
     by_inputs: Vec<T>,
     by_earlier: Vec<T>,
+    own: Vec<T>,
 }
 
 /// Derivatives of a scalar by every simulated spacing and speed, laid out as [`Drive`]'s trajectories.
@@ -49,6 +50,15 @@ pub struct TrajectoryGradient<T> {
     pub spacing: Vec<T>,
     /// By follower speed.
     pub speed: Vec<T>,
+}
+
+/// What a scalar of a drive is a function of, by its derivatives.
+#[derive(Debug, Clone, Copy)]
+pub enum By<'a, T> {
+    /// The simulated trajectory; after [`Loop::Closed`] only, and not within an envelope.
+    Trajectory(&'a TrajectoryGradient<T>),
+    /// The accelerations that led to each step, m/s², laid out as [`Drive`]'s trajectories; after [`Loop::Open`].
+    Accelerations(&'a [T]),
 }
 
 impl<T: Real> Drive<T> {
@@ -74,6 +84,7 @@ impl<T: Real> Drive<T> {
             outputs: Vec::new(),
             by_inputs: Vec::new(),
             by_earlier: Vec::new(),
+            own: Vec::new(),
         }
     }
 
@@ -220,10 +231,51 @@ impl<T: Real> Drive<T> {
         }
     }
 
-    /// Adds to `gradient` the derivative by every weight of a scalar whose derivative by the simulated trajectory is `by`,
-    /// through the integrator and through every step that the network read a simulated state at. After [`Loop::Closed`] only,
-    /// and not within an envelope.
-    pub fn backward(
+    /// Adds to `gradient` the derivative by every weight of a scalar: through every step that the network read a simulated
+    /// state at, if it was one of the trajectory.
+    pub fn backward(&mut self, network: &Network<T>, scaling: &Scaling, by: By<'_, T>, gradient: &mut [T]) {
+        self.back(network, scaling, by, gradient);
+        self.passes.finish(gradient);
+    }
+
+    /// Events whose own gradients [`Self::backward_each`] can tell apart.
+    #[must_use]
+    pub fn apart(&self) -> usize {
+        self.passes.apart()
+    }
+
+    /// Gives `each` the number of every event and what it alone contributes to what [`Self::backward`] adds. May be done
+    /// several times after one way forward.
+    ///
+    /// # Panics
+    /// When more than [`Self::apart`] events were driven.
+    pub fn backward_each(
+        &mut self,
+        network: &Network<T>,
+        scaling: &Scaling,
+        by: By<'_, T>,
+        mut each: impl FnMut(usize, &[T]),
+    ) {
+        let mut gradient = std::mem::take(&mut self.own);
+        gradient.clear();
+        gradient.resize(network.weights().len(), T::zero());
+        self.back(network, scaling, by, &mut gradient);
+        for n in 0..self.events {
+            self.passes.own(n, &mut gradient);
+            each(n, &gradient);
+        }
+        self.own = gradient;
+    }
+
+    fn back(&mut self, network: &Network<T>, scaling: &Scaling, by: By<'_, T>, gradient: &mut [T]) {
+        match by {
+            By::Trajectory(by) => self.back_through_the_loop(network, scaling, by, gradient),
+            By::Accelerations(by) => self.back_from_accelerations(network, by, gradient),
+        }
+    }
+
+    /// Through the integrator too.
+    fn back_through_the_loop(
         &mut self,
         network: &Network<T>,
         scaling: &Scaling,
@@ -269,22 +321,18 @@ impl<T: Real> Drive<T> {
                 self.by_earlier[(t - back) * self.events + n] += by_sight.earlier_speed;
             }
         }
-        self.passes.finish(gradient);
     }
 
-    /// After [`Loop::Open`]: adds to `gradient` the derivative by every weight of a sum over all steps, `seed(t, n, a)` being
-    /// its derivative by the acceleration a that led to step `t` of event `n`.
-    pub fn backward_open_sum(&mut self, network: &Network<T>, seed: impl Fn(usize, usize, T) -> T, gradient: &mut [T]) {
+    fn back_from_accelerations(&mut self, network: &Network<T>, by: &[T], gradient: &mut [T]) {
         let limit = T::of(f64::from(self.shape.accel_limit_mps2));
         for t in (0..self.passes.steps()).rev() {
+            let next = (t + 1) * self.events;
+            let answering = next..next + self.passes.answering(t);
             self.outputs.clear();
-            for n in 0..self.passes.answering(t) {
-                let u = self.squashed[(t + 1) * self.events + n];
-                self.outputs.push(seed(t + 1, n, limit * u) * limit * (T::one() - u * u));
-            }
+            let each = by[answering.clone()].iter().zip(&self.squashed[answering]);
+            self.outputs.extend(each.map(|(by, &u)| *by * limit * (T::one() - u * u)));
             self.passes.backward(network, t, &self.outputs, gradient);
         }
-        self.passes.finish(gradient);
     }
 }
 

@@ -16,7 +16,7 @@ mod sequence_tests;
 mod tests;
 
 pub use crew::Crew;
-pub use drive::{Drive, Loop, TrajectoryGradient};
+pub use drive::{By, Drive, Loop, TrajectoryGradient};
 pub use features::Features;
 pub use own::OwnGradients;
 pub use scaling::{MotionScaling, Scaling};

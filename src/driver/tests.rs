@@ -1,8 +1,8 @@
 //! The gradient against central differences, serving against driving.
 
 use super::{
-    Crew, Drive, Driver, DriverShape, Features, Loop, Memory, MotionScaling, OwnGradients, Scaling, TrajectoryGradient,
-    Window,
+    By, Crew, Drive, Driver, DriverShape, Features, Loop, Memory, MotionScaling, OwnGradients, Scaling,
+    TrajectoryGradient, Window,
 };
 use crate::car_following::Event;
 use crate::lstm::{INPUTS, Layout, Magnitude, Network, initial_weights};
@@ -77,7 +77,8 @@ fn the_open_loop_gradient_along_a_carried_state_agrees_with_central_differences(
     let weight = |t: usize, n: usize| 1.0 + 0.3 * t as f64 - n as f64;
     drive.forward(&Network::new(CARRIED.layout(), &weights), &CARRIED_SCALING, &events, Loop::Open);
     let mut gradient = vec![0.0; weights.len()];
-    drive.backward_open_sum(&Network::new(CARRIED.layout(), &weights), |t, n, _| weight(t, n), &mut gradient);
+    let by: Vec<f64> = (0..14).flat_map(|t| (0..2).map(move |n| weight(t, n))).collect();
+    drive.backward(&Network::new(CARRIED.layout(), &weights), &CARRIED_SCALING, By::Accelerations(&by), &mut gradient);
     for i in 0..weights.len() {
         let (kept, h) = (weights[i], 1e-5);
         let mut at = |w: f64| {
@@ -102,7 +103,7 @@ fn agrees_with_central_differences(shape: DriverShape, scaling: &Scaling) {
     assert!(saturated > 0, "the case is meant to be hard");
     let (_, by) = scalar(&drive, &events);
     let mut gradient = vec![0.0; weights.len()];
-    drive.backward(&Network::new(shape.layout(), &weights), scaling, &by, &mut gradient);
+    drive.backward(&Network::new(shape.layout(), &weights), scaling, By::Trajectory(&by), &mut gradient);
     for i in 0..weights.len() {
         let (kept, h) = (weights[i], 1e-5);
         let mut at = |w: f64| {
@@ -119,6 +120,61 @@ fn agrees_with_central_differences(shape: DriverShape, scaling: &Scaling) {
             gradient[i]
         );
     }
+}
+
+#[test]
+fn own_gradients_add_up_to_the_whole_and_are_those_of_events_driven_alone() {
+    let (long, short, shortest) = (event(23, 0.0), event(16, 0.7), event(5, 1.9));
+    let events = [&long, &short, &shortest];
+    let (weights, scaling) = (weights_of(CARRIED), &CARRIED_SCALING);
+    let network = Network::new(CARRIED.layout(), &weights);
+    let mut drive = Drive::<f64>::new(CARRIED);
+    for which in [Loop::Open, Loop::Closed] {
+        let mut own = |events: &[&Event]| {
+            drive.forward(&network, scaling, events, which);
+            let (_, by) = scalar(&drive, events);
+            let by = if which == Loop::Closed { By::Trajectory(&by) } else { By::Accelerations(&by.speed) };
+            let (mut whole, mut first, mut own) = (vec![0.0; weights.len()], Vec::new(), Vec::new());
+            drive.backward(&network, scaling, by, &mut whole);
+            // A second way back finds what the first one did.
+            drive.backward_each(&network, scaling, by, |_, gradient| first.push(gradient.to_vec()));
+            drive.backward_each(&network, scaling, by, |_, gradient| own.push(gradient.to_vec()));
+            assert_eq!(first, own);
+            (whole, own)
+        };
+        let (whole, each) = own(&events);
+        assert_eq!(each.len(), 3);
+        for i in 0..weights.len() {
+            let sum: f64 = each.iter().map(|gradient| gradient[i]).sum();
+            assert!(
+                (sum - whole[i]).abs() <= 1e-10 * (1.0 + sum.abs()),
+                "{which:?}, weight {i}: {sum} of {}",
+                whole[i]
+            );
+        }
+        // The first has the same scalar alone.
+        let (alone, of_one) = own(&events[..1]);
+        for i in 0..weights.len() {
+            assert!((each[0][i] - alone[i]).abs() <= 1e-10 * (1.0 + alone[i].abs()), "{which:?}, weight {i}");
+            assert!((of_one[0][i] - alone[i]).abs() <= 1e-10 * (1.0 + alone[i].abs()), "{which:?}, weight {i}");
+        }
+    }
+}
+
+#[test]
+fn windows_have_own_gradients_one_event_at_a_time() {
+    let event = event(14, 0.0);
+    let weights = weights();
+    let network = Network::new(SHAPE.layout(), &weights);
+    let mut drive = Drive::<f64>::new(SHAPE);
+    drive.forward(&network, &SCALING, &[&event], Loop::Closed);
+    let (_, by) = scalar(&drive, &[&event]);
+    let mut whole = vec![0.0; weights.len()];
+    drive.backward(&network, &SCALING, By::Trajectory(&by), &mut whole);
+    for _ in 0..2 {
+        drive.backward_each(&network, &SCALING, By::Trajectory(&by), |n, own| assert!(n == 0 && own == whole));
+    }
+    assert_eq!(drive.apart(), 1);
 }
 
 #[test]

@@ -26,6 +26,8 @@ pub struct Carried<T> {
     /// States after each step.
     h: Vec<T>,
     c: Vec<T>,
+    /// Derivatives by the head values, at the rows of those that answer.
+    dy: Vec<T>,
     dh: Vec<T>,
     dc: Vec<T>,
     dh_before: Vec<T>,
@@ -33,6 +35,15 @@ pub struct Carried<T> {
     outputs: Vec<T>,
     dx: Vec<T>,
     projected: Vec<T>,
+    own: Own<T>,
+}
+
+/// What one event left behind, step by step.
+#[derive(Debug)]
+struct Own<T> {
+    inputs: Vec<T>,
+    dz: Vec<T>,
+    h: Vec<T>,
 }
 
 impl<T: Real> Carried<T> {
@@ -50,6 +61,7 @@ impl<T: Real> Carried<T> {
             dz: empty(),
             h: empty(),
             c: empty(),
+            dy: empty(),
             dh: empty(),
             dc: empty(),
             dh_before: empty(),
@@ -57,6 +69,7 @@ impl<T: Real> Carried<T> {
             outputs: empty(),
             dx: empty(),
             projected: empty(),
+            own: Own { inputs: empty(), dz: empty(), h: empty() },
         }
     }
 
@@ -84,6 +97,7 @@ impl<T: Real> Carried<T> {
         grow(&mut self.dz, rows * gates);
         grow(&mut self.h, rows * hidden);
         grow(&mut self.c, rows * hidden);
+        grow(&mut self.dy, rows);
         let most = self.alive.first().copied().unwrap_or(0);
         for buffer in [&mut self.dh, &mut self.dc, &mut self.dh_before, &mut self.dc_before] {
             grow(buffer, most * hidden);
@@ -169,6 +183,7 @@ impl<T: Real> Carried<T> {
         for buffer in [&mut self.dh, &mut self.dc] {
             buffer[read * hidden..alive * hidden].fill(T::zero());
         }
+        self.dy[from..from + dy.len()].copy_from_slice(dy);
         let head = &weights[self.layout.head()];
         let (begin, end) = (self.layout.head().start, self.layout.head_bias());
         let states = self.h[from * hidden..][..dy.len() * hidden].chunks_exact(hidden);
@@ -227,5 +242,43 @@ impl<T: Real> Carried<T> {
             product(recurrent, 1.0, &states, &dz(self.row[t], count));
             t = end;
         }
+    }
+
+    /// Overwrites `gradient` with that of event `n` alone, once every step was gone back through. Any number of other events
+    /// may have been alive beside it.
+    ///
+    /// # Panics
+    /// When there is no such event.
+    pub fn own(&mut self, n: usize, gradient: &mut [T]) {
+        let (layout, hidden, gates) = (self.layout, self.layout.hidden, self.layout.gates());
+        let (begin, end) = (layout.head().start, layout.head_bias());
+        let Own { inputs, dz, h } = &mut self.own;
+        for buffer in [&mut *inputs, dz, h] {
+            buffer.clear();
+        }
+        gradient.fill(T::zero());
+        for (t, &from) in
+            self.row.iter().enumerate().take_while(|&(t, _)| self.alive.get(t).is_some_and(|&alive| n < alive))
+        {
+            let row = from + n;
+            inputs.extend_from_slice(&self.inputs[row * layout.inputs..][..layout.inputs]);
+            dz.extend_from_slice(&self.dz[row * gates..][..gates]);
+            h.extend_from_slice(&self.h[row * hidden..][..hidden]);
+            for (db, dz) in gradient[layout.bias()].iter_mut().zip(&dz[t * gates..]) {
+                *db += *dz;
+            }
+            if t + 1 >= self.horizon {
+                for (dw, h) in gradient[begin..end].iter_mut().zip(&h[t * hidden..]) {
+                    *dw += self.dy[row] * *h;
+                }
+                gradient[end] += self.dy[row];
+            }
+        }
+        let steps = dz.len() / gates;
+        assert!(steps > 0, "one of the events");
+        let by_inputs = columns(inputs, layout.inputs, steps);
+        product(&mut gradient[layout.input()], 0.0, &by_inputs, &rows(dz, steps, gates));
+        let before = columns(&h[..(steps - 1) * hidden], hidden, steps - 1);
+        product(&mut gradient[layout.recurrent()], 0.0, &before, &rows(&dz[gates..], steps - 1, gates));
     }
 }

@@ -269,7 +269,7 @@ impl<T: Real> Overlap<T> {
         network.back_project(dz, &mut self.scratch.dx);
     }
 
-    /// Adds what of the gradient waited for all steps.
+    /// Adds what of the gradient waited for all steps. From here on the steps may be gone back through once more.
     pub fn finish(&mut self, gradient: &mut [T]) {
         let gates = self.layout.gates();
         let sum = |k: usize, gate: usize| self.input_gradient[k * gates + gate];
@@ -279,6 +279,7 @@ impl<T: Real> Overlap<T> {
         for (gate, g) in gradient[self.layout.bias()].iter_mut().enumerate() {
             *g += sum(INPUTS, gate);
         }
+        self.input_gradient.fill(T::zero());
     }
 }
 

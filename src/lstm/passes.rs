@@ -71,4 +71,27 @@ impl<T: Real> Passes<T> {
     pub fn finish(&mut self, gradient: &mut [T]) {
         either!(self, passes => passes.finish(gradient));
     }
+
+    /// Events whose own gradients can be told apart after one way back.
+    #[must_use]
+    pub fn apart(&self) -> usize {
+        match self {
+            Self::Windows(_) => 1,
+            Self::Carried(_) => usize::MAX,
+        }
+    }
+
+    /// In place of [`Self::finish`]: makes `gradient`, which every step was gone back with, that of event `n` alone.
+    ///
+    /// # Panics
+    /// When there are more events than can be told apart, or no such event.
+    pub fn own(&mut self, n: usize, gradient: &mut [T]) {
+        match self {
+            Self::Windows(overlap) => {
+                assert!(n == 0 && overlap.events(0) == 1, "windows add up whatever event they belong to");
+                overlap.finish(gradient);
+            }
+            Self::Carried(carried) => carried.own(n, gradient),
+        }
+    }
 }

@@ -2,7 +2,7 @@
 
 use super::loss::{Penalties, loss};
 use crate::car_following::Event;
-use crate::driver::{Crew, Drive, Loop, Scaling, TrajectoryGradient};
+use crate::driver::{By, Crew, Drive, Loop, Scaling, TrajectoryGradient};
 use crate::lstm::{Network, Real};
 
 /// The loss of `events` driven closed loop, and its exact derivative by every weight in `gradient`, which is overwritten.
@@ -21,7 +21,7 @@ pub fn minibatch_gradient<T: Real>(
         let mut gradient = vec![T::zero(); network.weights().len()];
         drive.forward(network, scaling, piece, Loop::Closed);
         let loss = loss(drive, horizon, piece, penalties, steps, &mut by);
-        drive.backward(network, scaling, &by, &mut gradient);
+        drive.backward(network, scaling, By::Trajectory(&by), &mut gradient);
         (loss, gradient)
     };
     gradient.fill(T::zero());

@@ -93,3 +93,33 @@ fn over_a_carried_state_they_are_right_on_average_and_as_noisy_as_theory_says() 
         }
     }
 }
+
+/// What an event is estimated at depends on itself, whoever is driven beside it.
+#[test]
+fn together_they_estimate_what_they_do_one_by_one() {
+    let shape = DriverShape { hidden: 19, ..SHAPE };
+    let events: Vec<Event> = (0..20).flat_map(events).collect();
+    let weights = initial_weights(shape.layout(), 3);
+    let workers = rayon::ThreadPoolBuilder::new().num_threads(2).build().unwrap();
+    let crew = Crew::<f32>::new(shape, &workers);
+    for kept in [Kept::Fisher, Kept::Sensitivity] {
+        for output in [Output::OpenLoop, Output::ClosedLoop] {
+            let mas_output = MasOutput::Jacobian;
+            let options = ImportanceOptions { estimator: Estimator::Sampled, output, mas_output, draws: 3 };
+            let of =
+                |events: &[&Event]| importance(kept, options, &crew, &SCALING, &weights, events, &mut || true).unwrap();
+            let (together, steps) = of(&events.iter().collect::<Vec<_>>());
+            let mut apart = vec![0.0; together.len()];
+            for event in &events {
+                let (means, of_event) = of(&[event]);
+                for (sum, mean) in apart.iter_mut().zip(means) {
+                    *sum += mean * of_event as f64 / steps as f64;
+                }
+            }
+            let largest = apart.iter().copied().fold(0.0, f64::max);
+            for (one, other) in together.iter().zip(&apart) {
+                assert!((one - other).abs() < 1e-5 * largest, "{kept:?}, {output:?}: {one} together, {other} apart");
+            }
+        }
+    }
+}
