@@ -74,7 +74,7 @@ fn log2(x: f32) -> f32 {
     let p = p * f - 2.499_999_399_3e-1;
     let p = p * f + 3.333_333_117_4e-1;
     let ln = f + f * f * (f * p - 0.5);
-    exponent as f32 + LOG2_E * ln + (x - x)
+    exponent as f32 + LOG2_E * ln + 0.0 * x
 }
 
 /// 2ˣ, 0 for x ≤ −127; x less than 127.
@@ -107,7 +107,9 @@ mod tests {
             .collect();
         let mut mean = GeometricMean::new(2000);
         for times in 0..2 {
-            vectors.iter().for_each(|values| mean.add(values));
+            for values in &vectors {
+                mean.add(values);
+            }
             let mut sums = vec![1.0_f64; 2000];
             mean.add_to(0.5, &mut sums);
             for (i, sum) in sums.iter().enumerate() {

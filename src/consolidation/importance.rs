@@ -19,8 +19,9 @@ const LOOKED_AT_TOGETHER: usize = 64;
 ///
 /// Every output's own gradient counts, so the result does not depend on how the events came in batches; `events` must be in
 /// an order of their own (that of their digests) for equal bits. Over the open loop, window by window, exact importance costs
-/// about an epoch; over the closed loop, or with a carried state, a drive for every output: as many epochs as two events have
-/// steps. Sampled, it costs a drive forward, and one backward for each draw; with a carried state events are driven together.
+/// about an epoch; over the closed loop, or with a carried state, a pass backward for every output: as many epochs as an
+/// event has steps, or twice that. Sampled, it costs a drive forward, and a pass backward for each draw; with a carried state
+/// events go both ways together.
 ///
 /// Returns the importance and M; none when `go_on`, asked on the way, says no.
 pub fn importance<T: Real>(
