@@ -41,20 +41,19 @@ impl<T: Real> OwnGradients<T> {
         let horizon = self.shape.horizon;
         let limit = T::of(f64::from(self.shape.accel_limit_mps2));
         let (mean, spread) = scaling.all::<T>();
-        let starts: Vec<usize> = (0..event.steps().saturating_sub(horizon)).collect();
-        for starts in starts.chunks(Windows::<T>::AT_ONCE) {
+        let windows = event.steps().saturating_sub(horizon);
+        for start in (0..windows).step_by(Windows::<T>::AT_ONCE) {
+            let count = Windows::<T>::AT_ONCE.min(windows - start);
             self.inputs.clear();
-            for step in 0..horizon {
-                for start in starts {
-                    let x = self.shape.features.of::<T>(&recorded_sight(event, start + step));
-                    self.inputs.extend((0..self.shape.features.inputs()).map(|k| (x[k] - mean[k]) / spread[k]));
-                }
+            for step in start..start + count + horizon - 1 {
+                let x = self.shape.features.of::<T>(&recorded_sight(event, step));
+                self.inputs.extend((0..self.shape.features.inputs()).map(|k| (x[k] - mean[k]) / spread[k]));
             }
             self.by_heads.clear();
             let heads = self.windows.forward(network, &self.inputs);
-            self.by_heads.extend(heads.iter().zip(starts).map(|(y, start)| {
+            self.by_heads.extend(heads.iter().zip(start + horizon..).map(|(y, answered)| {
                 let u = y.fast_tanh();
-                by_accel(start + horizon, limit * u) * limit * (T::one() - u * u)
+                by_accel(answered, limit * u) * limit * (T::one() - u * u)
             }));
             self.windows.add_magnitudes(network, &self.by_heads, magnitude, sums);
         }

@@ -13,17 +13,13 @@ pub enum Magnitude {
 }
 
 impl Magnitude {
+    /// With another one in the sum.
     #[inline(always)]
-    fn lanes<L: Lanes>(self, l: L, g: L::Value) -> L::Value {
+    fn add<L: Lanes>(self, l: L, g: L::Value, sum: L::Value) -> L::Value {
         match self {
-            Self::Square => l.mul(g, g),
-            Self::Absolute => l.abs(g),
+            Self::Square => l.fma(g, g, sum),
+            Self::Absolute => l.add(l.abs(g), sum),
         }
-    }
-
-    #[inline(always)]
-    fn of<T: Real>(self, g: T) -> T {
-        self.lanes(Single::new(), g)
     }
 }
 
@@ -39,9 +35,10 @@ pub(super) struct Squares<T> {
     shared: Vec<T>,
 }
 
-/// Some windows' values, step by step, of each step window by window.
+/// The values of some windows that begin at neighbouring steps; step by step, of each step window by window.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Values<'a, T> {
+    /// Of each step that some window reads.
     pub(super) inputs: &'a [T],
     /// Derivatives by the gates' pre-activations.
     pub(super) dz: &'a [T],
@@ -65,9 +62,9 @@ impl<T: Real> Squares<T> {
         let last = &values.h[values.h.len() - values.dy.len() * hidden..];
         for (dy, h) in values.dy.iter().zip(last.chunks_exact(hidden)) {
             for (sum, h) in head.iter_mut().zip(h) {
-                *sum += magnitude.of(*dy * *h);
+                *sum = magnitude.add(Single::new(), *dy * *h, *sum);
             }
-            head[hidden] += magnitude.of(*dy);
+            head[hidden] = magnitude.add(Single::new(), *dy, head[hidden]);
         }
         let (input, rest) = lstm.split_at_mut(layout.recurrent().start);
         let (recurrent, bias) = rest.split_at_mut(layout.recurrent().len());
@@ -104,8 +101,8 @@ impl<T: Real> Units<T> for Shared<'_, T> {
         let (gates, windows) = (self.layout.gates(), self.values.dy.len());
         let mut g = [l.splat(T::zero()); INPUTS + 1];
         let steps = self.values.dz.chunks_exact(windows * gates);
-        for (dz, x) in steps.zip(self.values.inputs.chunks_exact(windows * INPUTS)) {
-            let (dz, x) = (l.load(&dz[window * gates + gate..]), &x[window * INPUTS..][..INPUTS]);
+        for (dz, x) in steps.zip(&self.values.inputs.as_chunks::<INPUTS>().0[window..]) {
+            let dz = l.load(&dz[window * gates + gate..]);
             for k in 0..INPUTS {
                 g[k] = l.fma(dz, l.splat(x[k]), g[k]);
             }
@@ -113,7 +110,7 @@ impl<T: Real> Units<T> for Shared<'_, T> {
         }
         for k in 0..=INPUTS {
             let sums = &mut self.sums[k * gates + gate..];
-            let sum = l.add(l.load(sums), self.magnitude.lanes(l, g[k]));
+            let sum = self.magnitude.add(l, g[k], l.load(sums));
             l.store(sums, sum);
         }
     }
@@ -140,51 +137,60 @@ impl<T: Real> Kernel<T> for Recurrent<'_, T> {
 }
 
 impl<T: Real> Recurrent<'_, T> {
-    /// All units of some gates, `V` vectors at a time, then one number at a time. A few gates' sums over windows stay near
-    /// while the windows pass.
+    /// All units of some gates, `V` vectors at a time, then one number at a time.
     #[inline(always)]
     fn gates<L: Lanes<Number = T>, const V: usize>(&mut self, lanes: L, gate: usize) {
         let (hidden, width) = (self.layout.hidden, V * L::WIDTH);
         let whole = hidden / width * width;
         for unit in (0..whole).step_by(width) {
-            for window in 0..self.values.dy.len() {
-                self.units::<L, V>(lanes, window, gate, unit);
-            }
+            self.units::<L, V>(lanes, gate, unit);
         }
         for unit in whole..hidden {
-            for window in 0..self.values.dy.len() {
-                self.units::<Single<T>, 1>(Single::new(), window, gate, unit);
-            }
+            self.units::<Single<T>, 1>(Single::new(), gate, unit);
         }
     }
 
+    /// Over all windows, their sums and one window's gradient in registers.
     #[inline(always)]
-    fn units<L: Lanes<Number = T>, const V: usize>(&mut self, l: L, window: usize, gate: usize, unit: usize) {
+    fn units<L: Lanes<Number = T>, const V: usize>(&mut self, l: L, gate: usize, unit: usize) {
         let (hidden, gates, windows) = (self.layout.hidden, self.layout.gates(), self.values.dy.len());
-        let mut g = [[l.splat(T::zero()); V]; GATES];
-        // A step's derivatives meet the state before it.
-        let later = self.values.dz[windows * gates..].chunks_exact(windows * gates);
-        for (dz, h) in later.zip(self.values.h.chunks_exact(windows * hidden)) {
-            let h = &h[window * hidden + unit..][..V * L::WIDTH];
-            let dz: &[T; GATES] = dz[window * gates + gate..].first_chunk().expect("gates come in fours");
-            let h: [L::Value; V] = std::array::from_fn(
-                #[inline(always)]
-                |v| l.load(&h[v * L::WIDTH..]),
-            );
+        let mut sums: [[L::Value; V]; GATES] = std::array::from_fn(
+            #[inline(always)]
+            |k| vectors(l, &self.sums[(gate + k) * hidden + unit..]),
+        );
+        for window in 0..windows {
+            let mut g = [[l.splat(T::zero()); V]; GATES];
+            // A step's derivatives meet the state before it.
+            let later = self.values.dz[windows * gates..].chunks_exact(windows * gates);
+            for (dz, h) in later.zip(self.values.h.chunks_exact(windows * hidden)) {
+                let h: [L::Value; V] = vectors(l, &h[window * hidden + unit..]);
+                let dz: &[T; GATES] = dz[window * gates + gate..].first_chunk().expect("gates come in fours");
+                for k in 0..GATES {
+                    let dz = l.splat(dz[k]);
+                    for v in 0..V {
+                        g[k][v] = l.fma(dz, h[v], g[k][v]);
+                    }
+                }
+            }
             for k in 0..GATES {
-                let dz = l.splat(dz[k]);
                 for v in 0..V {
-                    g[k][v] = l.fma(dz, h[v], g[k][v]);
+                    sums[k][v] = self.magnitude.add(l, g[k][v], sums[k][v]);
                 }
             }
         }
         for k in 0..GATES {
-            let sums = &mut self.sums[(gate + k) * hidden + unit..][..V * L::WIDTH];
             for v in 0..V {
-                let sums = &mut sums[v * L::WIDTH..];
-                let sum = l.add(l.load(sums), self.magnitude.lanes(l, g[k][v]));
-                l.store(sums, sum);
+                l.store(&mut self.sums[(gate + k) * hidden + unit + v * L::WIDTH..], sums[k][v]);
             }
         }
     }
+}
+
+#[inline(always)]
+fn vectors<L: Lanes, const V: usize>(l: L, from: &[L::Number]) -> [L::Value; V] {
+    let from = &from[..V * L::WIDTH];
+    std::array::from_fn(
+        #[inline(always)]
+        |v| l.load(&from[v * L::WIDTH..]),
+    )
 }

@@ -1,29 +1,30 @@
 //! Windows on their own, a few at a time: forward, backward, and each one's own gradient squared or in absolute value.
 
-use super::buffer::grow;
+use super::buffer::Aligned;
 use super::gates::{First, FirstBackward, Later, LaterBackward};
 use super::lanes::each_unit;
 use super::squares::{Magnitude, Squares, Values};
 use super::{Layout, Network, Real};
 
-/// The passes over windows of given inputs, which have no influence on each other: what importance over the open loop takes.
+/// The passes over windows of recorded inputs, which have no influence on each other: what importance over the open loop takes.
 ///
-/// Everything that a few windows leave behind stays in the cache until their gradients are summed.
+/// Windows that are taken at once begin at neighbouring steps: the input of a step is projected once for all that read it.
+/// Everything that they leave behind stays in the cache until their gradients are summed.
 #[derive(Debug)]
 pub struct Windows<T> {
     layout: Layout,
     horizon: usize,
-    /// Step-major: step, then window.
+    /// Of each step that some window reads. What follows is step-major: a window's step, then the window.
     inputs: Vec<T>,
-    z: Vec<T>,
-    c: Vec<T>,
-    h: Vec<T>,
+    z: Aligned<T>,
+    c: Aligned<T>,
+    h: Aligned<T>,
     /// Derivatives by the gates' pre-activations.
-    dz: Vec<T>,
-    projected: Vec<T>,
-    dh: Vec<T>,
-    dc: Vec<T>,
-    dc_before: Vec<T>,
+    dz: Aligned<T>,
+    projected: Aligned<T>,
+    dh: Aligned<T>,
+    dc: Aligned<T>,
+    dc_before: Aligned<T>,
     outputs: Vec<T>,
     squares: Squares<T>,
 }
@@ -40,48 +41,46 @@ impl<T: Real> Windows<T> {
             layout,
             horizon,
             inputs: empty(),
-            z: empty(),
-            c: empty(),
-            h: empty(),
-            dz: empty(),
-            projected: empty(),
-            dh: empty(),
-            dc: empty(),
-            dc_before: empty(),
+            z: Aligned::new(),
+            c: Aligned::new(),
+            h: Aligned::new(),
+            dz: Aligned::new(),
+            projected: Aligned::new(),
+            dh: Aligned::new(),
+            dc: Aligned::new(),
+            dc_before: Aligned::new(),
             outputs: empty(),
             squares: Squares::new(layout),
         }
     }
 
-    /// The head's value for each window; `inputs` are standardised, step by step, of each step window by window.
+    /// The head's value of every window within these steps, of which `inputs` has the standardised ones.
     ///
     /// # Panics
-    /// When there are more than [`Self::AT_ONCE`] windows, or parts of one.
+    /// When there are no windows or more than [`Self::AT_ONCE`], or parts of a step.
     pub fn forward(&mut self, network: &Network<T>, inputs: &[T]) -> &[T] {
         let (layout, hidden, gates) = (self.layout, self.layout.hidden, self.layout.gates());
-        let each = self.horizon * layout.inputs;
-        let count = inputs.len() / each;
-        assert!(count <= Self::AT_ONCE && inputs.len() == count * each, "a few whole windows");
+        let steps = inputs.len() / layout.inputs;
+        assert!(steps >= self.horizon && inputs.len() == steps * layout.inputs, "at least one whole window");
+        let count = steps - self.horizon + 1;
+        assert!(count <= Self::AT_ONCE, "a few windows");
         self.inputs.clear();
         self.inputs.extend_from_slice(inputs);
         let rows = self.horizon * count;
-        for (buffer, width) in [
-            (&mut self.z, gates),
-            (&mut self.dz, gates),
-            (&mut self.projected, gates),
-            (&mut self.c, hidden),
-            (&mut self.h, hidden),
-        ] {
-            grow(buffer, rows * width);
+        self.projected.grow(steps * gates);
+        for (buffer, width) in
+            [(&mut self.z, gates), (&mut self.dz, gates), (&mut self.c, hidden), (&mut self.h, hidden)]
+        {
+            buffer.grow(rows * width);
         }
-        network.project(inputs, &mut self.projected[..rows * gates]);
+        network.project(inputs, &mut self.projected[..steps * gates]);
         let Self { z, c, h, projected, .. } = self;
         for step in 0..self.horizon {
             let (before, from) = (step.saturating_sub(1) * count, step * count);
             let (before_c, c) = c.split_at_mut(from * hidden);
             let (before_h, h) = h.split_at_mut(from * hidden);
             let (c, h) = (&mut c[..count * hidden], &mut h[..count * hidden]);
-            let (z, p) = (&mut z[from * gates..][..count * gates], &projected[from * gates..][..count * gates]);
+            let (z, p) = (&mut z[from * gates..][..count * gates], &projected[step * gates..][..count * gates]);
             if step == 0 {
                 each_unit(First { hidden, p, z, c, h });
             } else {
@@ -104,7 +103,7 @@ impl<T: Real> Windows<T> {
         let (layout, hidden, gates) = (self.layout, self.layout.hidden, self.layout.gates());
         let count = dy.len();
         for buffer in [&mut self.dh, &mut self.dc, &mut self.dc_before] {
-            grow(buffer, count * hidden);
+            buffer.grow(count * hidden);
             buffer[..count * hidden].fill(T::zero());
         }
         let Self { z, dz, c, dh, dc, dc_before, .. } = self;
