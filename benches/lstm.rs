@@ -33,6 +33,7 @@ fn there_and_back(bencher: Bencher<'_, '_>, hidden: usize, events: usize, passes
         for t in (0..STEPS).rev() {
             let dy = vec![0.01; passes.answering(t)];
             passes.backward(&network, t, &dy, &mut gradient);
+            passes.by_inputs(&network, t);
         }
         passes.finish(&mut gradient);
     });

@@ -303,11 +303,12 @@ impl<T: Real> Drive<T> {
                 let u = self.squashed[next];
                 self.outputs.push(dt * through * limit * (T::one() - u * u));
             }
-            self.by_inputs.clear();
-            self.by_inputs.extend_from_slice(self.passes.backward(network, t, &self.outputs, gradient));
+            self.passes.backward(network, t, &self.outputs, gradient);
             if t < horizon {
                 continue;
             }
+            self.by_inputs.clear();
+            self.by_inputs.extend_from_slice(self.passes.by_inputs(network, t));
             let back = t.min(self.shape.reach());
             for n in 0..self.passes.events(t) {
                 let dx = &mut self.by_inputs[n * features.inputs()..(n + 1) * features.inputs()];

@@ -153,11 +153,11 @@ impl<T: Real> Carried<T> {
     }
 
     /// Goes back through step `t`: `dy` is the derivative by each answering event's head value. Adds to `gradient` what does
-    /// not wait for [`Self::finish`] and returns the derivative by the step's inputs.
+    /// not wait for [`Self::finish`].
     ///
     /// # Panics
     /// When the number of derivatives does not fit.
-    pub fn backward(&mut self, network: &Network<T>, t: usize, dy: &[T], gradient: &mut [T]) -> &[T] {
+    pub fn backward(&mut self, network: &Network<T>, t: usize, dy: &[T], gradient: &mut [T]) {
         assert_eq!(dy.len(), self.answering(t));
         self.head_backward(network.weights(), t, dy, gradient);
         self.gates_backward(network, t);
@@ -169,9 +169,14 @@ impl<T: Real> Carried<T> {
                 *db += *dz;
             }
         }
-        network.back_project(dz, &mut self.dx);
         std::mem::swap(&mut self.dh, &mut self.dh_before);
         std::mem::swap(&mut self.dc, &mut self.dc_before);
+    }
+
+    /// The derivative by the inputs of step `t`, once it was gone back through.
+    pub fn by_inputs(&mut self, network: &Network<T>, t: usize) -> &[T] {
+        let gates = self.layout.gates();
+        network.back_project(&self.dz[self.row[t] * gates..][..self.alive[t] * gates], &mut self.dx);
         &self.dx
     }
 

@@ -168,18 +168,24 @@ impl<T: Real> Overlap<T> {
     }
 
     /// Goes back through step `t`: `dy` is the derivative by each answering event's head value. Adds to `gradient` what does
-    /// not wait for [`Self::finish`] and returns the derivative by the step's inputs, `events(t)` × 4.
+    /// not wait for [`Self::finish`].
     ///
     /// # Panics
     /// When the number of derivatives does not fit.
-    pub fn backward(&mut self, network: &Network<T>, t: usize, dy: &[T], gradient: &mut [T]) -> &[T] {
+    pub fn backward(&mut self, network: &Network<T>, t: usize, dy: &[T], gradient: &mut [T]) {
         assert_eq!(dy.len(), self.plan.answering(t).len());
         self.head_backward(network.weights(), t, dy, gradient);
         self.gates_backward(network, t);
         self.recurrent_backward(t, gradient);
-        self.input_backward(network, t);
+        self.input_backward(t);
         std::mem::swap(&mut self.scratch.dh, &mut self.scratch.dh_before);
         std::mem::swap(&mut self.scratch.dc, &mut self.scratch.dc_before);
+    }
+
+    /// The derivative by the inputs of step `t`, `events(t)` × 4, straight after going back through it: `dx = W_ihᵀ Σ dz`.
+    pub fn by_inputs(&mut self, network: &Network<T>, t: usize) -> &[T] {
+        let dz = &self.scratch.dz_sum[..self.plan.events(t) * self.layout.gates()];
+        network.back_project(dz, &mut self.scratch.dx);
         &self.scratch.dx
     }
 
@@ -260,13 +266,12 @@ impl<T: Real> Overlap<T> {
         product(&mut gradient[self.layout.recurrent()], 1.0, &states, &dz);
     }
 
-    /// `dx = W_ihᵀ Σ dz`, `dW_ih += Σ dz xᵀ`, `db += Σ dz`, the sum running over the windows that share the input.
-    fn input_backward(&mut self, network: &Network<T>, t: usize) {
+    /// `dW_ih += Σ dz xᵀ`, `db += Σ dz`, the sum running over the windows that share the input.
+    fn input_backward(&mut self, t: usize) {
         let events = self.plan.events(t);
         let inputs = &self.inputs[self.input_row[t]..self.input_row[t] + events * INPUTS];
         let dz = &self.scratch.dz_sum[..events * self.layout.gates()];
         each_unit(InputGradient { inputs, dz, sums: &mut self.input_gradient });
-        network.back_project(dz, &mut self.scratch.dx);
     }
 
     /// Adds what of the gradient waited for all steps. From here on the steps may be gone back through once more.

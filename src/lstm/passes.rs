@@ -62,9 +62,14 @@ impl<T: Real> Passes<T> {
         either!(self, passes => passes.forward(network, t, inputs))
     }
 
-    /// Step `t` backward, from the derivatives by its head values to those by its inputs.
-    pub fn backward(&mut self, network: &Network<T>, t: usize, dy: &[T], gradient: &mut [T]) -> &[T] {
-        either!(self, passes => passes.backward(network, t, dy, gradient))
+    /// Step `t` backward, from the derivatives by its head values.
+    pub fn backward(&mut self, network: &Network<T>, t: usize, dy: &[T], gradient: &mut [T]) {
+        either!(self, passes => passes.backward(network, t, dy, gradient));
+    }
+
+    /// The derivatives by the inputs of step `t`, straight after it was gone back through; the open loop has no use for them.
+    pub fn by_inputs(&mut self, network: &Network<T>, t: usize) -> &[T] {
+        either!(self, passes => passes.by_inputs(network, t))
     }
 
     /// What of the gradient waited for all steps.
