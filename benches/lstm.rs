@@ -1,7 +1,7 @@
 //! Passes of training, forward and backward through some events: `cargo bench --bench lstm`.
 
 use divan::{Bencher, counter::ItemsCount};
-use headway::lstm::{INPUTS, Layout, Magnitude, Network, Passes, Windows, initial_weights};
+use headway::lstm::{Gradients, INPUTS, Layout, Magnitude, Network, Passes, Windows, initial_weights};
 
 fn main() {
     divan::main();
@@ -30,9 +30,10 @@ fn there_and_back(bencher: Bencher<'_, '_>, hidden: usize, events: usize, passes
         for t in 0..STEPS {
             passes.forward(&network, t, &inputs);
         }
+        passes.turn(Gradients::Summed);
         for t in (0..STEPS).rev() {
             let dy = vec![0.01; passes.answering(t)];
-            passes.backward(&network, t, &dy, &mut gradient);
+            passes.backward(&network, t, &dy);
             passes.by_inputs(&network, t);
         }
         passes.finish(&mut gradient);

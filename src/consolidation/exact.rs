@@ -42,22 +42,20 @@ pub(super) fn one_by_one<T: Real>(
     events: &[&Event],
 ) -> Vec<T> {
     let mut sums = vec![T::zero(); network.weights().len()];
-    for events in events.chunks(drive.apart()) {
-        scalars.drive(drive, network, scaling, events);
-        // Shorter events have fewer scalars, and go on without any.
-        let mut coefficients: Vec<_> = events.iter().map(|event| vec![0.0; scalars.count(event)]).collect();
-        for k in 0..scalars.count(events[0]) {
-            set(&mut coefficients, k, 1.0);
-            scalars.combine(drive, network, scaling, events, &coefficients, |_, gradient| {
-                for (sum, g) in sums.iter_mut().zip(gradient) {
-                    *sum += match kept {
-                        Kept::Fisher => *g * *g,
-                        Kept::Sensitivity => g.abs(),
-                    };
-                }
-            });
-            set(&mut coefficients, k, 0.0);
-        }
+    scalars.drive(drive, network, scaling, events);
+    // Shorter events have fewer scalars, and go on without any.
+    let mut coefficients: Vec<_> = events.iter().map(|event| vec![0.0; scalars.count(event)]).collect();
+    for k in 0..scalars.count(events[0]) {
+        set(&mut coefficients, k, 1.0);
+        scalars.combine(drive, network, scaling, events, &coefficients, |_, gradient| {
+            for (sum, g) in sums.iter_mut().zip(gradient) {
+                *sum += match kept {
+                    Kept::Fisher => *g * *g,
+                    Kept::Sensitivity => g.abs(),
+                };
+            }
+        });
+        set(&mut coefficients, k, 0.0);
     }
     sums
 }

@@ -33,22 +33,19 @@ pub(super) fn sampled<T: Real>(
     let share = 1.0 / f64::from(draws);
     let mut means: Vec<_> = match kept {
         Kept::Fisher => Vec::new(),
-        Kept::Sensitivity => events.iter().take(drive.apart()).map(|_| GeometricMean::new(parameters)).collect(),
+        Kept::Sensitivity => events.iter().map(|_| GeometricMean::new(parameters)).collect(),
     };
-    for events in events.chunks(drive.apart()) {
-        scalars.drive(drive, network, scaling, events);
-        for draw in 0..draws {
-            let coefficients: Vec<_> =
-                events.iter().map(|event| noise(kept, event, draw, scalars.count(event))).collect();
-            scalars.combine(drive, network, scaling, events, &coefficients, |n, gradient| match kept {
-                Kept::Fisher => add_squares(gradient, share, &mut sums),
-                Kept::Sensitivity => means[n].add(gradient),
-            });
-        }
-        let unbiased = (0.5 * std::f64::consts::PI * share).cos().powf(f64::from(draws));
-        for mean in means.iter_mut().take(events.len()) {
-            mean.add_to(unbiased, &mut sums);
-        }
+    scalars.drive(drive, network, scaling, events);
+    for draw in 0..draws {
+        let coefficients: Vec<_> = events.iter().map(|event| noise(kept, event, draw, scalars.count(event))).collect();
+        scalars.combine(drive, network, scaling, events, &coefficients, |n, gradient| match kept {
+            Kept::Fisher => add_squares(gradient, share, &mut sums),
+            Kept::Sensitivity => means[n].add(gradient),
+        });
+    }
+    let unbiased = (0.5 * std::f64::consts::PI * share).cos().powf(f64::from(draws));
+    for mean in &mut means {
+        mean.add_to(unbiased, &mut sums);
     }
     sums
 }

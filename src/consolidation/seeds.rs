@@ -60,7 +60,7 @@ impl Scalars {
         }
     }
 
-    /// Drives events, longest first and no more than [`Drive::apart`], the way that these scalars are about.
+    /// Drives events, longest first, the way that these scalars are about.
     pub(super) fn drive<T: Real>(
         self,
         drive: &mut Drive<T>,

@@ -3,7 +3,7 @@
 use super::features::Sight;
 use super::{DriverShape, Memory, Scaling};
 use crate::car_following::Event;
-use crate::lstm::{Network, Passes, Real};
+use crate::lstm::{Gradients, Network, Passes, Real};
 use crate::safety::{Cause, Envelope};
 
 /// Whether the network reads its own simulation or the recording.
@@ -234,21 +234,12 @@ impl<T: Real> Drive<T> {
     /// Adds to `gradient` the derivative by every weight of a scalar: through every step that the network read a simulated
     /// state at, if it was one of the trajectory.
     pub fn backward(&mut self, network: &Network<T>, scaling: &Scaling, by: By<'_, T>, gradient: &mut [T]) {
-        self.back(network, scaling, by, gradient);
+        self.back(network, scaling, by, Gradients::Summed);
         self.passes.finish(gradient);
-    }
-
-    /// Events whose own gradients [`Self::backward_each`] can tell apart.
-    #[must_use]
-    pub fn apart(&self) -> usize {
-        self.passes.apart()
     }
 
     /// Gives `each` the number of every event and what it alone contributes to what [`Self::backward`] adds. May be done
     /// several times after one way forward.
-    ///
-    /// # Panics
-    /// When more than [`Self::apart`] events were driven.
     pub fn backward_each(
         &mut self,
         network: &Network<T>,
@@ -256,32 +247,27 @@ impl<T: Real> Drive<T> {
         by: By<'_, T>,
         mut each: impl FnMut(usize, &[T]),
     ) {
+        self.back(network, scaling, by, Gradients::Own);
         let mut gradient = std::mem::take(&mut self.own);
-        gradient.clear();
         gradient.resize(network.weights().len(), T::zero());
-        self.back(network, scaling, by, &mut gradient);
         for n in 0..self.events {
-            self.passes.own(n, &mut gradient);
+            gradient.fill(T::zero());
+            self.passes.add_own(n, &mut gradient);
             each(n, &gradient);
         }
         self.own = gradient;
     }
 
-    fn back(&mut self, network: &Network<T>, scaling: &Scaling, by: By<'_, T>, gradient: &mut [T]) {
+    fn back(&mut self, network: &Network<T>, scaling: &Scaling, by: By<'_, T>, kept: Gradients) {
+        self.passes.turn(kept);
         match by {
-            By::Trajectory(by) => self.back_through_the_loop(network, scaling, by, gradient),
-            By::Accelerations(by) => self.back_from_accelerations(network, by, gradient),
+            By::Trajectory(by) => self.back_through_the_loop(network, scaling, by),
+            By::Accelerations(by) => self.back_from_accelerations(network, by),
         }
     }
 
     /// Through the integrator too.
-    fn back_through_the_loop(
-        &mut self,
-        network: &Network<T>,
-        scaling: &Scaling,
-        by: &TrajectoryGradient<T>,
-        gradient: &mut [T],
-    ) {
+    fn back_through_the_loop(&mut self, network: &Network<T>, scaling: &Scaling, by: &TrajectoryGradient<T>) {
         let dt = T::of(f64::from(self.shape.dt_s));
         let limit = T::of(f64::from(self.shape.accel_limit_mps2));
         let half_dt = T::of(0.5) * dt;
@@ -303,7 +289,7 @@ impl<T: Real> Drive<T> {
                 let u = self.squashed[next];
                 self.outputs.push(dt * through * limit * (T::one() - u * u));
             }
-            self.passes.backward(network, t, &self.outputs, gradient);
+            self.passes.backward(network, t, &self.outputs);
             if t < horizon {
                 continue;
             }
@@ -324,7 +310,7 @@ impl<T: Real> Drive<T> {
         }
     }
 
-    fn back_from_accelerations(&mut self, network: &Network<T>, by: &[T], gradient: &mut [T]) {
+    fn back_from_accelerations(&mut self, network: &Network<T>, by: &[T]) {
         let limit = T::of(f64::from(self.shape.accel_limit_mps2));
         for t in (0..self.passes.steps()).rev() {
             let next = (t + 1) * self.events;
@@ -332,7 +318,7 @@ impl<T: Real> Drive<T> {
             self.outputs.clear();
             let each = by[answering.clone()].iter().zip(&self.squashed[answering]);
             self.outputs.extend(each.map(|(by, &u)| *by * limit * (T::one() - u * u)));
-            self.passes.backward(network, t, &self.outputs, gradient);
+            self.passes.backward(network, t, &self.outputs);
         }
     }
 }

@@ -126,10 +126,11 @@ fn agrees_with_central_differences(shape: DriverShape, scaling: &Scaling) {
 fn own_gradients_add_up_to_the_whole_and_are_those_of_events_driven_alone() {
     let (long, short, shortest) = (event(23, 0.0), event(16, 0.7), event(5, 1.9));
     let events = [&long, &short, &shortest];
-    let (weights, scaling) = (weights_of(CARRIED), &CARRIED_SCALING);
-    let network = Network::new(CARRIED.layout(), &weights);
-    let mut drive = Drive::<f64>::new(CARRIED);
-    for which in [Loop::Open, Loop::Closed] {
+    let both = [(SHAPE, &SCALING), (CARRIED, &CARRIED_SCALING)];
+    for ((shape, scaling), which) in both.into_iter().flat_map(|kind| [(kind, Loop::Open), (kind, Loop::Closed)]) {
+        let weights = weights_of(shape);
+        let network = Network::new(shape.layout(), &weights);
+        let mut drive = Drive::<f64>::new(shape);
         let mut own = |events: &[&Event]| {
             drive.forward(&network, scaling, events, which);
             let (_, by) = scalar(&drive, events);
@@ -159,22 +160,6 @@ fn own_gradients_add_up_to_the_whole_and_are_those_of_events_driven_alone() {
             assert!((of_one[0][i] - alone[i]).abs() <= 1e-10 * (1.0 + alone[i].abs()), "{which:?}, weight {i}");
         }
     }
-}
-
-#[test]
-fn windows_have_own_gradients_one_event_at_a_time() {
-    let event = event(14, 0.0);
-    let weights = weights();
-    let network = Network::new(SHAPE.layout(), &weights);
-    let mut drive = Drive::<f64>::new(SHAPE);
-    drive.forward(&network, &SCALING, &[&event], Loop::Closed);
-    let (_, by) = scalar(&drive, &[&event]);
-    let mut whole = vec![0.0; weights.len()];
-    drive.backward(&network, &SCALING, By::Trajectory(&by), &mut whole);
-    for _ in 0..2 {
-        drive.backward_each(&network, &SCALING, By::Trajectory(&by), |n, own| assert!(n == 0 && own == whole));
-    }
-    assert_eq!(drive.apart(), 1);
 }
 
 #[test]

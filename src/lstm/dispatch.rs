@@ -13,11 +13,11 @@ pub fn vectorised<R>(op: impl FnOnce() -> R) -> R {
 pub fn kernel_name() -> &'static str {
     match Arch::new() {
         #[cfg(target_arch = "x86_64")]
-        Arch::V4(_) => "packed-avx512",
+        Arch::V4(_) => "lines-avx512",
         #[cfg(target_arch = "x86_64")]
-        Arch::V3(_) => "packed-avx2",
+        Arch::V3(_) => "lines-avx2",
         #[cfg(target_arch = "aarch64")]
-        Arch::Neon(_) => "packed-neon",
-        _ => "packed-portable",
+        Arch::Neon(_) => "lines-neon",
+        _ => "lines-portable",
     }
 }

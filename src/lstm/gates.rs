@@ -38,7 +38,7 @@ pub(super) fn go_on<L: Lanes>(
 /// The derivatives by the gates' pre-activations, and by the cell itself, from those by the state after the step; `before` is
 /// the cell before it, which the forget gate multiplies.
 #[inline(always)]
-fn back<L: Lanes>(
+pub(super) fn back<L: Lanes>(
     l: L,
     [i, f, g, o]: Gates<L::Value>,
     (c, before): (L::Value, L::Value),

@@ -1,12 +1,14 @@
 //! Weights, and the same weights arranged for the passes: once an update, not once a product.
 
+use super::arranged::Arranged;
 use super::encode::dot;
 use super::lanes::{Lanes, Units, each_unit};
+use super::lines::{GATES, LINE, Line, gate_row, in_lines, lines};
 use super::packed::Packed;
-use super::{Layout, Real, vectorised};
+use super::{Layout, Real};
 
 /// A network's weights, ready to go forward and backward through events.
-#[derive(Debug, Clone)]
+#[derive(Debug)]
 pub struct Network<T> {
     layout: Layout,
     weights: Vec<T>,
@@ -16,6 +18,13 @@ pub struct Network<T> {
     pub(super) forward: Packed<T>,
     /// The same from the gates' derivatives to the state's.
     pub(super) backward: Packed<T>,
+    /// Input by input, the input weights of all pre-activations, in lines.
+    pub(super) input_lines: Vec<Line<T>>,
+    pub(super) bias: Vec<Line<T>>,
+    pub(super) head: Vec<Line<T>>,
+    /// The recurrent weights from units to gates, and from gates to units.
+    pub(super) to_gates: Arranged<T>,
+    pub(super) to_states: Arranged<T>,
 }
 
 impl<T: Real> Network<T> {
@@ -25,8 +34,18 @@ impl<T: Real> Network<T> {
     /// When their number does not fit the layout.
     #[must_use]
     pub fn new(layout: Layout, weights: &[T]) -> Self {
-        let mut network =
-            Self { layout, weights: Vec::new(), input: Vec::new(), forward: Packed::new(), backward: Packed::new() };
+        let mut network = Self {
+            layout,
+            weights: Vec::new(),
+            input: Vec::new(),
+            forward: Packed::new(),
+            backward: Packed::new(),
+            input_lines: Vec::new(),
+            bias: Vec::new(),
+            head: Vec::new(),
+            to_gates: Arranged::new(),
+            to_states: Arranged::new(),
+        };
         network.set(weights);
         network
     }
@@ -47,6 +66,28 @@ impl<T: Real> Network<T> {
         let recurrent = &self.weights[self.layout.recurrent()];
         self.forward.set(hidden, gates, |unit, gate| recurrent[gate * hidden + unit]);
         self.backward.set(gates, hidden, |gate, unit| recurrent[gate * hidden + unit]);
+        let units = lines(hidden);
+        let row = |at: usize| gate_row(hidden, at);
+        let gate_lines = |value: &dyn Fn(usize) -> T| -> Vec<Line<T>> {
+            (0..GATES * units)
+                .map(|line| Line(std::array::from_fn(|lane| row(line * LINE + lane).map_or(T::zero(), value))))
+                .collect()
+        };
+        self.input_lines = (0..inputs).flat_map(|k| gate_lines(&|row| self.weights[row * inputs + k])).collect();
+        let bias = &self.weights[self.layout.bias()];
+        self.bias = gate_lines(&|row| bias[row]);
+        self.head = in_lines(&self.weights[self.layout.head()]).collect();
+        let weight = |at: usize, unit: usize| match row(at) {
+            Some(row) if unit < hidden => recurrent[row * hidden + unit],
+            _ => T::zero(),
+        };
+        self.to_gates.set(units, GATES * units, |unit, at| weight(at, unit));
+        self.to_states.set(GATES * units, units, weight);
+    }
+
+    /// The head's bias.
+    pub(super) fn head_bias(&self) -> T {
+        self.weights[self.layout.head_bias()]
     }
 
     /// Its layout.
@@ -71,20 +112,6 @@ impl<T: Real> Network<T> {
         let (head, bias) = (&self.weights[self.layout.head()], self.weights[self.layout.head_bias()]);
         values.clear();
         values.extend(states.chunks_exact(self.layout.hidden).map(|h| dot(head, h) + bias));
-    }
-
-    /// `dx = W_ihᵀ dz`, one row for each row of derivatives by the gates' pre-activations.
-    pub(super) fn back_project(&self, dz: &[T], dx: &mut Vec<T>) {
-        let gates = self.layout.gates();
-        dx.clear();
-        vectorised(
-            #[inline(always)]
-            || {
-                for dz in dz.chunks_exact(gates) {
-                    dx.extend(self.input.chunks_exact(gates).map(|w| dot(w, dz)));
-                }
-            },
-        );
     }
 }
 

@@ -1,5 +1,6 @@
 //! `headway bench`: how fast this machine learns and answers, in process, beside what its arithmetic allows.
 
+mod gemm;
 mod inference;
 mod products;
 mod table;

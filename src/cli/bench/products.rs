@@ -2,8 +2,9 @@
 
 use nalgebra::DMatrix;
 
+use super::gemm::{Strided, columns, product, rows};
 use super::timing::seconds;
-use crate::lstm::{Layout, Strided, columns, product, rows};
+use crate::lstm::Layout;
 
 /// The three products of an update, by what they give.
 pub(super) const PRODUCTS: [&str; 3] = ["forward", "backward", "weights"];
@@ -37,7 +38,7 @@ impl Bench {
         2.0 * (self.layout.gates() * self.layout.hidden * self.rows) as f64
     }
 
-    fn operands(&self) -> (Strided<'_, f32>, Strided<'_, f32>) {
+    fn operands(&self) -> (Strided<'_>, Strided<'_>) {
         let (hidden, gates) = (self.layout.hidden, self.layout.gates());
         match self.which {
             "forward" => (rows(&self.weights, gates, hidden), columns(&self.states, hidden, self.rows)),
@@ -46,11 +47,11 @@ impl Bench {
         }
     }
 
-    /// Multiplies with `gemm`, as the weights' gradient is gathered, `times` times; 10⁹ operations a second.
+    /// Multiplies with `gemm` `times` times; 10⁹ operations a second.
     pub(super) fn gemm(&mut self, times: usize) -> f64 {
         let mut result = std::mem::replace(&mut self.result, DMatrix::zeros(0, 0));
         let (lhs, rhs) = self.operands();
-        let s = seconds(|| (0..times).for_each(|_| product(result.as_mut_slice(), 0.0, &lhs, &rhs)));
+        let s = seconds(|| (0..times).for_each(|_| product(result.as_mut_slice(), &lhs, &rhs)));
         self.result = result;
         times as f64 * self.flop() / s / 1e9
     }

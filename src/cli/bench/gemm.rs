@@ -1,19 +1,16 @@
-//! Matrix products on borrowed, strided matrices: the one place where safe views meet the kernel library's raw pointers.
-#![allow(unsafe_code, reason = "the kernel library takes pointers and strides")]
+//! Matrix products by the `gemm` library, which training is measured against: the one place where safe views meet raw pointers.
+#![allow(unsafe_code, reason = "the library takes pointers and strides")]
 
 use nalgebra::{Dyn, MatrixView};
 
-use super::Real;
-
 /// A matrix that is read with any strides: column-major as it is, or transposed.
-pub type Strided<'a, T> = MatrixView<'a, T, Dyn, Dyn, Dyn, Dyn>;
+pub(super) type Strided<'a> = MatrixView<'a, f32, Dyn, Dyn, Dyn, Dyn>;
 
 /// `rows × columns` over column-major `values`.
 ///
 /// # Panics
 /// When there are too few.
-#[must_use]
-pub fn columns<T: Real>(values: &[T], rows: usize, columns: usize) -> Strided<'_, T> {
+pub(super) fn columns(values: &[f32], rows: usize, columns: usize) -> Strided<'_> {
     MatrixView::from_slice_with_strides_generic(values, Dyn(rows), Dyn(columns), Dyn(1), Dyn(rows))
 }
 
@@ -21,16 +18,15 @@ pub fn columns<T: Real>(values: &[T], rows: usize, columns: usize) -> Strided<'_
 ///
 /// # Panics
 /// When there are too few.
-#[must_use]
-pub fn rows<T: Real>(values: &[T], rows: usize, columns: usize) -> Strided<'_, T> {
+pub(super) fn rows(values: &[f32], rows: usize, columns: usize) -> Strided<'_> {
     MatrixView::from_slice_with_strides_generic(values, Dyn(rows), Dyn(columns), Dyn(columns), Dyn(1))
 }
 
-/// `out ← keep·out + lhs·rhs` for column-major `out` (`lhs` rows × `rhs` columns); with `keep` 0, `out` is not read.
+/// `out ← lhs·rhs` for column-major `out` (`lhs` rows × `rhs` columns).
 ///
 /// # Panics
 /// When the shapes do not fit.
-pub fn product<T: Real>(out: &mut [T], keep: f64, lhs: &Strided<'_, T>, rhs: &Strided<'_, T>) {
+pub(super) fn product(out: &mut [f32], lhs: &Strided<'_>, rhs: &Strided<'_>) {
     let (m, k, n) = (lhs.nrows(), lhs.ncols(), rhs.ncols());
     assert!(k == rhs.nrows() && out.len() == m * n, "shapes fit: {m}×{k} times {}×{n} into {}", rhs.nrows(), out.len());
     let stride = |s: usize| isize::try_from(s).expect("a stride fits a pointer offset");
@@ -44,15 +40,15 @@ pub fn product<T: Real>(out: &mut [T], keep: f64, lhs: &Strided<'_, T>, rhs: &St
             out.as_mut_ptr(),
             stride(m),
             1,
-            keep != 0.0,
+            false,
             lhs.as_ptr(),
             stride(lhs.strides().1),
             stride(lhs.strides().0),
             rhs.as_ptr(),
             stride(rhs.strides().1),
             stride(rhs.strides().0),
-            T::of(keep),
-            T::one(),
+            0.0,
+            1.0,
             false,
             false,
             false,
@@ -69,17 +65,15 @@ mod tests {
     #[test]
     fn products_agree_with_nalgebra_for_every_orientation() {
         for (m, k, n) in [(1, 1, 1), (5, 3, 2), (64, 17, 33), (128, 512, 9)] {
-            let a = DMatrix::<f64>::from_fn(m, k, |i, j| ((i * 7 + j * 3) % 11) as f64 - 5.0);
-            let b = DMatrix::<f64>::from_fn(k, n, |i, j| ((i * 5 + j * 2) % 13) as f64 - 6.0);
+            let a = DMatrix::<f32>::from_fn(m, k, |i, j| ((i * 7 + j * 3) % 11) as f32 - 5.0);
+            let b = DMatrix::<f32>::from_fn(k, n, |i, j| ((i * 5 + j * 2) % 13) as f32 - 6.0);
             let expected = &a * &b;
             let (at, bt) = (a.transpose(), b.transpose());
             for lhs in [columns(a.as_slice(), m, k), rows(at.as_slice(), m, k)] {
                 for rhs in [columns(b.as_slice(), k, n), rows(bt.as_slice(), k, n)] {
-                    let mut out = vec![f64::NAN; m * n];
-                    product(&mut out, 0.0, &lhs, &rhs);
+                    let mut out = vec![f32::NAN; m * n];
+                    product(&mut out, &lhs, &rhs);
                     assert_eq!(out, expected.as_slice());
-                    product(&mut out, 1.0, &lhs, &rhs);
-                    assert_eq!(out, (&expected * 2.0).as_slice());
                 }
             }
         }
