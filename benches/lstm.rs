@@ -57,11 +57,10 @@ fn carried(bencher: Bencher<'_, '_>, events: usize) {
 fn own_gradients(bencher: Bencher<'_, '_>, hidden: usize) {
     let network = network(hidden);
     let mut windows = Windows::<f32>::new(network.layout(), HORIZON);
-    let mut sums = vec![0.0; network.weights().len()];
     let inputs = inputs(Windows::<f32>::AT_ONCE + HORIZON - 1);
     bencher.counter(ItemsCount::new(Windows::<f32>::AT_ONCE)).bench_local(|| {
         windows.forward(&network, &inputs);
-        windows.add_magnitudes(&network, &[0.1; Windows::<f32>::AT_ONCE], Magnitude::Square, &mut sums);
+        windows.add_magnitudes(&network, &[0.1; Windows::<f32>::AT_ONCE], Magnitude::Square);
     });
 }
 

@@ -26,8 +26,9 @@ pub(super) fn open_loop<T: Real>(
     let mut sums = vec![T::zero(); network.weights().len()];
     let mut own = OwnGradients::new(shape);
     for event in events {
-        own.add(network, scaling, event, magnitude(kept), |t, a| scalars.by_accel(event, t, a), &mut sums);
+        own.add(network, scaling, event, magnitude(kept), |t, a| scalars.by_accel(event, t, a));
     }
+    own.finish(&mut sums);
     sums
 }
 

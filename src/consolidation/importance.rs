@@ -81,8 +81,9 @@ mod tests {
             .map(|piece| {
                 let (mut own, mut sums) = (OwnGradients::new(SHAPE), vec![0.0_f32; weights.len()]);
                 for event in piece {
-                    own.add(&network, scaling, event, Magnitude::Square, |_, _| 1.0, &mut sums);
+                    own.add(&network, scaling, event, Magnitude::Square, |_, _| 1.0);
                 }
+                own.finish(&mut sums);
                 sums
             })
             .collect();

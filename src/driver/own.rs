@@ -27,7 +27,7 @@ impl<T: Real> OwnGradients<T> {
         Self { shape, windows, inputs: Vec::new(), by_heads: Vec::new() }
     }
 
-    /// Adds the magnitude of each window's own gradient to `sums`: that of a scalar whose derivative by the acceleration `a`
+    /// Sums the magnitude of each window's own gradient: that of a scalar whose derivative by the acceleration `a`
     /// that leads to step `t` is `by_accel(t, a)`.
     pub fn add(
         &mut self,
@@ -36,7 +36,6 @@ impl<T: Real> OwnGradients<T> {
         event: &Event,
         magnitude: Magnitude,
         by_accel: impl Fn(usize, T) -> T,
-        sums: &mut [T],
     ) {
         let horizon = self.shape.horizon;
         let limit = T::of(f64::from(self.shape.accel_limit_mps2));
@@ -55,7 +54,12 @@ impl<T: Real> OwnGradients<T> {
                 let u = y.fast_tanh();
                 by_accel(answered, limit * u) * limit * (T::one() - u * u)
             }));
-            self.windows.add_magnitudes(network, &self.by_heads, magnitude, sums);
+            self.windows.add_magnitudes(network, &self.by_heads, magnitude);
         }
+    }
+
+    /// Adds the sums to those of others, and begins anew.
+    pub fn finish(&mut self, sums: &mut [T]) {
+        self.windows.finish(sums);
     }
 }

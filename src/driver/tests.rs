@@ -172,8 +172,9 @@ fn every_windows_own_gradient_is_squared_before_it_is_summed() {
         let (mut own, mut sums) = (OwnGradients::new(SHAPE), vec![0.0; weights.len()]);
         for event in events {
             let by_accel = |_, accel: f64| 2.0 * accel;
-            own.add(&Network::new(SHAPE.layout(), &weights), &SCALING, event, magnitude, by_accel, &mut sums);
+            own.add(&Network::new(SHAPE.layout(), &weights), &SCALING, event, magnitude, by_accel);
         }
+        own.finish(&mut sums);
         sums
     };
     let (squares, absolutes) = (magnitudes(Magnitude::Square), magnitudes(Magnitude::Absolute));

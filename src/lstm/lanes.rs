@@ -54,39 +54,6 @@ pub trait Kernel<T> {
     fn run<L: Lanes<Number = T>>(self, lanes: L);
 }
 
-/// What is computed unit by unit, for some rows of them.
-pub(super) trait Units<T: Real> {
-    /// Rows, and units of each.
-    fn size(&self) -> (usize, usize);
-    /// Computes as many units as there are lanes, from `unit` on, of one row.
-    fn unit<L: Lanes<Number = T>>(&mut self, lanes: L, row: usize, unit: usize);
-}
-
-/// Computes every unit of every row, with this machine's vectors where there are some.
-pub(super) fn each_unit<T: Real>(units: impl Units<T>) {
-    T::run(ByUnit(units));
-}
-
-/// The kernel that computes whole vectors of units, and what is left one by one.
-pub(super) struct ByUnit<U>(pub(super) U);
-
-impl<T: Real, U: Units<T>> Kernel<T> for ByUnit<U> {
-    #[inline(always)]
-    fn run<L: Lanes<Number = T>>(self, lanes: L) {
-        let Self(mut units) = self;
-        let (rows, count) = units.size();
-        let whole = count / L::WIDTH * L::WIDTH;
-        for row in 0..rows {
-            for unit in (0..whole).step_by(L::WIDTH) {
-                units.unit(lanes, row, unit);
-            }
-            for unit in whole..count {
-                units.unit(Single::new(), row, unit);
-            }
-        }
-    }
-}
-
 /// One number at a time.
 #[derive(Debug)]
 pub(super) struct Single<T>(PhantomData<T>);

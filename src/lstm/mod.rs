@@ -8,7 +8,6 @@
 mod activation;
 mod arranged;
 mod backward;
-mod buffer;
 mod dispatch;
 mod ends;
 mod forward;
@@ -21,7 +20,6 @@ mod lines;
 mod layout;
 mod network;
 mod outer;
-mod packed;
 mod passes;
 mod plan;
 mod real;

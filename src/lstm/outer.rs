@@ -16,7 +16,7 @@ pub(super) struct Segment {
 }
 
 /// Pre-activations that are summed together: a part of a line.
-const OUTPUTS: usize = 8;
+pub(super) const OUTPUTS: usize = 8;
 /// Lines of units that are summed together.
 pub(super) const TOGETHER: usize = 2;
 

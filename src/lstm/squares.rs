@@ -1,7 +1,10 @@
 //! Each window's own gradient, squared or in absolute value, summed over windows: what importance is made of.
 
-use super::lanes::{Kernel, Lanes, Single, Units, each_unit};
-use super::{INPUTS, Layout, Real};
+use super::gradient::Gradient;
+use super::lanes::{Kernel, Lanes, Single};
+use super::lines::{GATES, LINE, Line};
+use super::outer::{OUTPUTS, TOGETHER, place};
+use super::{INPUTS, Real};
 
 /// What is summed of each window's gradient g.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -23,174 +26,144 @@ impl Magnitude {
     }
 }
 
-/// Gates whose weights are summed together: each state that is read serves all of them.
-const GATES: usize = 4;
-
-/// Sums of the magnitudes of own gradients. Recurrent weights have no shortcut through summed products: `(Σ_τ δ_τ h_τᵀ)²`
-/// needs each window's own sum, which is held in registers.
-#[derive(Debug)]
-pub(super) struct Squares<T> {
-    layout: Layout,
-    /// Of the input weights and the bias, (inputs + 1) × gates: transposed, so that gates lie beside each other.
-    shared: Vec<T>,
-}
-
-/// The values of some windows that begin at neighbouring steps; step by step, of each step window by window.
+/// The values of some windows that begin at neighbouring steps, all of which have the same number of steps. Lines are those of
+/// one step after another.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Values<'a, T> {
     /// Of each step that some window reads.
     pub(super) inputs: &'a [T],
     /// Derivatives by the gates' pre-activations.
-    pub(super) dz: &'a [T],
+    pub(super) dz: &'a [Line<T>],
     /// States after each step.
-    pub(super) h: &'a [T],
+    pub(super) h: &'a [Line<T>],
     /// Derivatives by each window's head value.
     pub(super) dy: &'a [T],
+    /// Steps of a window.
+    pub(super) steps: usize,
 }
 
-impl<T: Real> Squares<T> {
-    /// For networks that read the paper's inputs.
-    pub(super) fn new(layout: Layout) -> Self {
-        assert_eq!(layout.inputs, INPUTS, "windows read the paper's four inputs");
-        Self { layout, shared: Vec::new() }
-    }
-
-    /// Adds those of some windows to `sums`.
-    pub(super) fn add(&mut self, magnitude: Magnitude, values: Values<'_, T>, sums: &mut [T]) {
-        let (layout, hidden) = (self.layout, self.layout.hidden);
-        let (lstm, head) = sums.split_at_mut(layout.head().start);
-        let last = &values.h[values.h.len() - values.dy.len() * hidden..];
-        for (dy, h) in values.dy.iter().zip(last.chunks_exact(hidden)) {
-            for (sum, h) in head.iter_mut().zip(h) {
-                *sum = magnitude.add(Single::new(), *dy * *h, *sum);
+/// Adds the magnitudes of some windows' own gradients to `sums`.
+pub(super) fn add_magnitudes<T: Real>(magnitude: Magnitude, values: Values<'_, T>, sums: &mut Gradient<T>) {
+    T::run(Recurrent { lines: sums.head.len(), magnitude, values, sums: &mut sums.recurrent });
+    T::run(Input { magnitude, values, sums: &mut sums.input });
+    let windows = values.dy.len();
+    let last = &values.h[(values.steps - 1) * windows * sums.head.len()..];
+    for (h, sums) in last.chunks_exact(windows).zip(&mut sums.head) {
+        for (dy, h) in values.dy.iter().zip(h) {
+            for (sum, h) in sums.0.iter_mut().zip(h.0) {
+                *sum = magnitude.add(Single::new(), *dy * h, *sum);
             }
-            head[hidden] = magnitude.add(Single::new(), *dy, head[hidden]);
         }
-        let (input, rest) = lstm.split_at_mut(layout.recurrent().start);
-        let (recurrent, bias) = rest.split_at_mut(layout.recurrent().len());
-        self.shared.clear();
-        self.shared.resize((INPUTS + 1) * layout.gates(), T::zero());
-        each_unit(Shared { layout, values, magnitude, sums: &mut self.shared });
-        T::run(Recurrent { layout, values, magnitude, sums: recurrent });
-        let of = |k: usize, gate: usize| self.shared[k * layout.gates() + gate];
-        for (gate, (bias, input)) in bias.iter_mut().zip(input.as_chunks_mut::<INPUTS>().0).enumerate() {
-            for (k, input) in input.iter_mut().enumerate() {
-                *input += of(k, gate);
-            }
-            *bias += of(INPUTS, gate);
-        }
+    }
+    for dy in values.dy {
+        sums.head_bias = magnitude.add(Single::new(), *dy, sums.head_bias);
     }
 }
 
-/// The input weights and the bias.
-struct Shared<'a, T> {
-    layout: Layout,
-    values: Values<'a, T>,
-    magnitude: Magnitude,
-    sums: &'a mut [T],
-}
-
-impl<T: Real> Units<T> for Shared<'_, T> {
-    #[inline(always)]
-    fn size(&self) -> (usize, usize) {
-        (self.values.dy.len(), self.layout.gates())
-    }
-
-    #[inline(always)]
-    fn unit<L: Lanes<Number = T>>(&mut self, l: L, window: usize, gate: usize) {
-        let (gates, windows) = (self.layout.gates(), self.values.dy.len());
-        let mut g = [l.splat(T::zero()); INPUTS + 1];
-        let steps = self.values.dz.chunks_exact(windows * gates);
-        for (dz, x) in steps.zip(&self.values.inputs.as_chunks::<INPUTS>().0[window..]) {
-            let dz = l.load(&dz[window * gates + gate..]);
-            for k in 0..INPUTS {
-                g[k] = l.fma(dz, l.splat(x[k]), g[k]);
-            }
-            g[INPUTS] = l.add(g[INPUTS], dz);
-        }
-        for k in 0..=INPUTS {
-            let sums = &mut self.sums[k * gates + gate..];
-            let sum = self.magnitude.add(l, g[k], l.load(sums));
-            l.store(sums, sum);
-        }
-    }
-}
-
-/// The recurrent weights, [`GATES`] gates at a time.
+/// The recurrent weights. They have no shortcut through summed products: `(Σ_τ δ_τ h_τᵀ)²` needs each window's own sum, which
+/// is held in registers.
 struct Recurrent<'a, T> {
-    layout: Layout,
-    values: Values<'a, T>,
+    /// Lines of units.
+    lines: usize,
     magnitude: Magnitude,
-    sums: &'a mut [T],
+    values: Values<'a, T>,
+    /// In the order of [`place`].
+    sums: &'a mut [Line<T>],
 }
 
 impl<T: Real> Kernel<T> for Recurrent<'_, T> {
     #[inline(always)]
-    fn run<L: Lanes<Number = T>>(mut self, lanes: L) {
-        for gate in (0..self.layout.gates()).step_by(GATES) {
-            match L::SUMS {
-                16 => self.gates::<L, 4>(lanes, gate),
-                _ => self.gates::<L, 2>(lanes, gate),
+    fn run<L: Lanes<Number = T>>(mut self, l: L) {
+        for at in (0..self.lines).step_by(TOGETHER) {
+            for output in 0..GATES * self.lines {
+                for from in (0..LINE).step_by(OUTPUTS) {
+                    if L::WIDTH == LINE && at + TOGETHER <= self.lines {
+                        self.tile::<L, TOGETHER>(l, (output, from), (at, 0));
+                        continue;
+                    }
+                    for line in at..self.lines.min(at + TOGETHER) {
+                        for lane in (0..LINE).step_by(L::WIDTH) {
+                            self.tile::<L, 1>(l, (output, from), (line, lane));
+                        }
+                    }
+                }
             }
         }
     }
 }
 
 impl<T: Real> Recurrent<'_, T> {
-    /// All units of some gates, `V` vectors at a time, then one number at a time.
+    /// Some pre-activations from `from` on of a line of them, by `G` lines of units from line `at` on: one vector of each, from
+    /// `lane` on. The sums stay near while the windows pass.
     #[inline(always)]
-    fn gates<L: Lanes<Number = T>, const V: usize>(&mut self, lanes: L, gate: usize) {
-        let (hidden, width) = (self.layout.hidden, V * L::WIDTH);
-        let whole = hidden / width * width;
-        for unit in (0..whole).step_by(width) {
-            self.units::<L, V>(lanes, gate, unit);
-        }
-        for unit in whole..hidden {
-            self.units::<Single<T>, 1>(Single::new(), gate, unit);
-        }
-    }
-
-    /// Over all windows, their sums and one window's gradient in registers.
-    #[inline(always)]
-    fn units<L: Lanes<Number = T>, const V: usize>(&mut self, l: L, gate: usize, unit: usize) {
-        let (hidden, gates, windows) = (self.layout.hidden, self.layout.gates(), self.values.dy.len());
-        let mut sums: [[L::Value; V]; GATES] = std::array::from_fn(
-            #[inline(always)]
-            |k| vectors(l, &self.sums[(gate + k) * hidden + unit..]),
-        );
+    fn tile<L: Lanes<Number = T>, const G: usize>(
+        &mut self,
+        l: L,
+        (output, from): (usize, usize),
+        (at, lane): (usize, usize),
+    ) {
+        let windows = self.values.dy.len();
+        let gates = GATES * self.lines;
+        let sums = &mut self.sums[place(gates * LINE, output * LINE + from, at)..];
         for window in 0..windows {
-            let mut g = [[l.splat(T::zero()); V]; GATES];
+            let mut g = [[l.splat(T::zero()); G]; OUTPUTS];
             // A step's derivatives meet the state before it.
-            let later = self.values.dz[windows * gates..].chunks_exact(windows * gates);
-            for (dz, h) in later.zip(self.values.h.chunks_exact(windows * hidden)) {
-                let h: [L::Value; V] = vectors(l, &h[window * hidden + unit..]);
-                let dz: &[T; GATES] = dz[window * gates + gate..].first_chunk().expect("gates come in fours");
-                for k in 0..GATES {
-                    let dz = l.splat(dz[k]);
-                    for v in 0..V {
-                        g[k][v] = l.fma(dz, h[v], g[k][v]);
+            for step in 1..self.values.steps {
+                let dz = &self.values.dz[(step * gates + output) * windows + window];
+                let dz: &[T; OUTPUTS] = dz.0[from..].first_chunk().expect("a line has as many");
+                let h = &self.values.h[((step - 1) * self.lines + at) * windows + window..];
+                let h: [L::Value; G] = std::array::from_fn(
+                    #[inline(always)]
+                    |g| l.load(&h[g * windows].0[lane..]),
+                );
+                for n in 0..OUTPUTS {
+                    let dz = l.splat(dz[n]);
+                    for k in 0..G {
+                        g[n][k] = l.fma(dz, h[k], g[n][k]);
                     }
                 }
             }
-            for k in 0..GATES {
-                for v in 0..V {
-                    sums[k][v] = self.magnitude.add(l, g[k][v], sums[k][v]);
+            for n in 0..OUTPUTS {
+                for k in 0..G {
+                    let sum = &mut sums[n * TOGETHER + k].0[lane..];
+                    l.store(sum, self.magnitude.add(l, g[n][k], l.load(sum)));
                 }
-            }
-        }
-        for k in 0..GATES {
-            for v in 0..V {
-                l.store(&mut self.sums[(gate + k) * hidden + unit + v * L::WIDTH..], sums[k][v]);
             }
         }
     }
 }
 
-#[inline(always)]
-fn vectors<L: Lanes, const V: usize>(l: L, from: &[L::Number]) -> [L::Value; V] {
-    let from = &from[..V * L::WIDTH];
-    std::array::from_fn(
-        #[inline(always)]
-        |v| l.load(&from[v * L::WIDTH..]),
-    )
+/// The input weights and the bias.
+struct Input<'a, T> {
+    magnitude: Magnitude,
+    values: Values<'a, T>,
+    /// Input by input, the weights of all pre-activations, then the bias.
+    sums: &'a mut [Line<T>],
+}
+
+impl<T: Real> Kernel<T> for Input<'_, T> {
+    #[inline(always)]
+    fn run<L: Lanes<Number = T>>(self, l: L) {
+        let Self { magnitude, values, sums } = self;
+        let (windows, gates) = (values.dy.len(), sums.len() / (INPUTS + 1));
+        let (inputs, _) = values.inputs.as_chunks::<INPUTS>();
+        for output in 0..gates {
+            for lane in (0..LINE).step_by(L::WIDTH) {
+                for window in 0..windows {
+                    let mut g = [l.splat(T::zero()); INPUTS + 1];
+                    for step in 0..values.steps {
+                        let dz = l.load(&values.dz[(step * gates + output) * windows + window].0[lane..]);
+                        for k in 0..INPUTS {
+                            g[k] = l.fma(dz, l.splat(inputs[step + window][k]), g[k]);
+                        }
+                        g[INPUTS] = l.add(g[INPUTS], dz);
+                    }
+                    for k in 0..=INPUTS {
+                        let sum = &mut sums[k * gates + output].0[lane..];
+                        l.store(sum, magnitude.add(l, g[k], l.load(sum)));
+                    }
+                }
+            }
+        }
+    }
 }

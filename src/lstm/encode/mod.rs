@@ -6,7 +6,7 @@ mod step;
 #[cfg(test)]
 mod tests;
 
-use super::{Layout, Real, vectorised};
+use super::{Layout, vectorised};
 use packed::Packed;
 use states::Turning;
 use step::Rows;
@@ -164,16 +164,4 @@ impl OverlappingWindows {
     pub fn clear(&mut self) {
         self.open = 0;
     }
-}
-
-/// `Σ a·b` in one fixed order: sixteen interleaved sums, then one after another.
-#[inline(always)]
-pub(super) fn dot<T: Real>(a: &[T], b: &[T]) -> T {
-    let mut sums = [T::zero(); 16];
-    for (a, b) in a.chunks(16).zip(b.chunks(16)) {
-        for ((sum, a), b) in sums.iter_mut().zip(a).zip(b) {
-            *sum += *a * *b;
-        }
-    }
-    sums.into_iter().fold(T::zero(), |total, sum| total + sum)
 }

@@ -75,7 +75,7 @@ impl Packed {
         Block { bias: &terms[0], input, recurrent }
     }
 
-    /// The head's value for a row of states, in the order of [`super::dot`].
+    /// The head's value for a row of states: each lane along the lines, then one lane after another.
     #[inline(always)]
     pub(super) fn head_value(&self, h: &[f32]) -> f32 {
         let mut sums = [0.0; LANES];

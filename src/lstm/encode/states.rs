@@ -2,7 +2,6 @@
 
 use super::packed::Packed;
 use super::step::{Rows, States, StatesMut, Step};
-use crate::lstm::buffer::grow;
 
 /// States of some rows. A step reads the one buffer and writes the other.
 #[derive(Debug, Default, Clone)]
@@ -17,7 +16,10 @@ impl Turning {
     /// Has room for so many rows from now on; nothing is allocated when it had.
     pub(super) fn reserve(&mut self, packed: &Packed, rows: usize) {
         for buffer in self.h.iter_mut().chain(&mut self.c) {
-            grow(buffer, rows * packed.units());
+            let len = rows * packed.units();
+            if buffer.len() < len {
+                buffer.resize(len, 0.0);
+            }
         }
     }
 

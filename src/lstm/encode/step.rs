@@ -3,8 +3,8 @@
 use pulp::{Arch, Simd, WithSimd};
 
 use super::packed::{Block, GATES, LANES, Packed, Term};
-use crate::lstm::gates::{First, Later};
-use crate::lstm::lanes::{ByUnit, Kernel, Vectors};
+use crate::lstm::gates::{begin, go_on};
+use crate::lstm::lanes::{Lanes, Vectors};
 
 /// Rows that share each load of a weight.
 const ROWS: usize = 6;
@@ -55,25 +55,33 @@ impl Step<'_> {
         let (units, Block { bias, input, recurrent }) = (self.packed.units(), self.packed.block(at));
         let mut projected = [[0.0; GATES * LANES]; N];
         sums(simd, Some(bias), input, self.inputs.from(row), &mut projected);
-        let place = |n: usize| (row + n) * units + at * LANES;
-        if let Some(States { h, c }) = self.before {
-            let mut z = [[0.0; GATES * LANES]; N];
+        let (l, place) = (Vectors::new(simd), |n: usize| (row + n) * units + at * LANES);
+        let mut z = [[0.0; GATES * LANES]; N];
+        if let Some(States { h, .. }) = self.before {
             sums(simd, None, recurrent, Rows { values: h, stride: units }.from(row), &mut z);
-            for n in 0..N {
-                let [c_after, h_after] =
-                    [&mut *self.after.c, &mut *self.after.h].map(|values| lanes_mut(values, place(n)));
-                let (p, z, before) = (&projected[n], &mut z[n], lanes(c, place(n)));
-                ByUnit(Later { hidden: LANES, p, z, before, c: c_after, h: h_after }).run(Vectors::new(simd));
-            }
-        } else {
-            for n in 0..N {
-                let [c_after, h_after] =
-                    [&mut *self.after.c, &mut *self.after.h].map(|values| lanes_mut(values, place(n)));
-                let (p, z) = (&projected[n], &mut [0.0; GATES * LANES]);
-                ByUnit(First { hidden: LANES, p, z, c: c_after, h: h_after }).run(Vectors::new(simd));
+        }
+        for n in 0..N {
+            for lane in (0..LANES).step_by(Vectors::<S>::WIDTH) {
+                let at = place(n) + lane;
+                let p = gates(l, &projected[n], lane);
+                let (_, c, h) = match self.before {
+                    Some(States { c, .. }) => go_on(l, gates(l, &z[n], lane), p, l.load(&c[at..])),
+                    None => begin(l, p),
+                };
+                l.store(&mut self.after.c[at..], c);
+                l.store(&mut self.after.h[at..], h);
             }
         }
     }
+}
+
+/// The four gates of some units of a block.
+#[inline(always)]
+fn gates<L: Lanes<Number = f32>>(l: L, block: &[f32; GATES * LANES], lane: usize) -> [L::Value; GATES] {
+    std::array::from_fn(
+        #[inline(always)]
+        |gate| l.load(&block[gate * LANES + lane..]),
+    )
 }
 
 impl WithSimd for Step<'_> {
@@ -111,16 +119,6 @@ impl<'a> Rows<'a> {
     fn row(self, n: usize, len: usize) -> &'a [f32] {
         &self.values[n * self.stride..][..len]
     }
-}
-
-#[inline(always)]
-fn lanes(values: &[f32], at: usize) -> &[f32; LANES] {
-    values[at..].first_chunk().expect("rows are whole blocks")
-}
-
-#[inline(always)]
-fn lanes_mut(values: &mut [f32], at: usize) -> &mut [f32; LANES] {
-    values[at..].first_chunk_mut().expect("rows are whole blocks")
 }
 
 /// `start + Σ terms · x` for each of `N` rows, in as many registers as the instructions have.

@@ -160,13 +160,15 @@ impl<T: Real> Passes<T> {
     pub fn turn(&mut self, kept: Gradients) {
         let gates = GATES * lines(self.layout.hidden);
         self.back.kept = kept;
-        self.back.gradient.clear();
         self.back.gathered.clear();
-        if kept == Gradients::Own {
-            let (rows, read) = (self.plan.rows(), self.plan.read());
-            grow(&mut self.back.dz, rows * gates);
-            grow(&mut self.back.dz_sum, read * gates);
-            self.back.dy.resize(read, T::zero());
+        match kept {
+            Gradients::Summed => self.back.gradient.clear(),
+            Gradients::Own => {
+                let (rows, read) = (self.plan.rows(), self.plan.read());
+                grow(&mut self.back.dz, rows * gates);
+                grow(&mut self.back.dz_sum, read * gates);
+                self.back.dy.resize(read, T::zero());
+            }
         }
     }
 
@@ -197,7 +199,7 @@ impl<T: Real> Passes<T> {
         assert_eq!(inputs.len(), step.events * self.layout.inputs);
         self.inputs[step.read * self.layout.inputs..][..inputs.len()].copy_from_slice(inputs);
         let projected = &mut self.projected[..step.events * GATES * units];
-        T::run(Project { weights: &network.input_lines, bias: &network.bias, inputs, projected });
+        T::run(Project { weights: &network.input, bias: &network.bias, inputs, projected });
         let (c_before, c) = self.c.split_at_mut(step.start * units);
         let (h_before, h) = self.h.split_at_mut(step.start * units);
         let before = self.plan.before(t);
@@ -260,7 +262,7 @@ impl<T: Real> Passes<T> {
         let Back { dz_sum, dx, .. } = &mut self.back;
         dx.resize(step.events * self.layout.inputs, T::zero());
         let rows = Lines::new(&dz_sum[sums], step.events);
-        T::run(Dots { vectors: &network.input_lines, lines, rows, first: 0, out: dx });
+        T::run(Dots { vectors: &network.input, lines, rows, first: 0, out: dx });
         dx
     }
 

@@ -39,6 +39,12 @@ impl<T: Real> Passes<T> {
         self.back.gradient.add_to(gradient);
     }
 
+    /// Of each step, the derivatives by its events' pre-activations and the states after it, after a way back for
+    /// [`Gradients::Own`].
+    pub(in crate::lstm) fn kept(&self) -> (&[Line<T>], &[Line<T>]) {
+        (&self.back.dz_sum, &self.h)
+    }
+
     /// A few rows at a time, so that what is copied is still near when it is summed.
     fn own_recurrent(&mut self, n: usize) {
         let units = lines(self.layout.hidden);
