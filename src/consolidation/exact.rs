@@ -3,7 +3,7 @@
 use super::Kept;
 use super::seeds::Scalars;
 use crate::car_following::Event;
-use crate::driver::{Drive, DriverShape, OwnGradients, Scaling};
+use crate::driver::{Drive, OwnGradients, Scaling};
 use crate::lstm::{Magnitude, Network, Real};
 
 /// What is added up of each gradient.
@@ -16,7 +16,7 @@ pub(super) fn magnitude(kept: Kept) -> Magnitude {
 
 /// `Σ_n Σ_t |∂y_nt/∂θ|` or its squares over the open loop, window by window, since none reads what another one answered.
 pub(super) fn open_loop<T: Real>(
-    shape: DriverShape,
+    own: &mut OwnGradients<T>,
     scalars: Scalars,
     kept: Kept,
     network: &Network<T>,
@@ -24,7 +24,6 @@ pub(super) fn open_loop<T: Real>(
     events: &[&Event],
 ) -> Vec<T> {
     let mut sums = vec![T::zero(); network.weights().len()];
-    let mut own = OwnGradients::new(shape);
     for event in events {
         own.add(network, scaling, event, magnitude(kept), |t, a| scalars.by_accel(event, t, a));
     }

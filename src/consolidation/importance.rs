@@ -1,9 +1,11 @@
 //! How much each weight matters for what was learned.
 
+use std::sync::{Mutex, MutexGuard};
+
 use super::seeds::Scalars;
 use super::{Estimator, ImportanceOptions, Kept, Output, exact, sampled};
 use crate::car_following::Event;
-use crate::driver::{Crew, Drive, Memory, Scaling};
+use crate::driver::{Crew, Drive, Memory, OwnGradients, Scaling};
 use crate::lstm::{Network, Real};
 
 /// Events between two looks at whether to go on; a multiple of every size of piece.
@@ -36,10 +38,14 @@ pub fn importance<T: Real>(
     let shape = crew.shape();
     let scalars = Scalars::new(kept, options, shape);
     let network = Network::new(shape.layout(), weights);
+    let idle = Mutex::new(Vec::new());
     let piece_sums = |drive: &mut Drive<T>, piece: &[&Event]| match (options.estimator, options.output) {
         (Estimator::Sampled, _) => sampled::sampled(drive, scalars, kept, options.draws, &network, scaling, piece),
         (_, Output::OpenLoop) if shape.memory == Memory::Window => {
-            exact::open_loop(shape, scalars, kept, &network, scaling, piece)
+            let mut own = lock(&idle).pop().unwrap_or_else(|| OwnGradients::new(shape));
+            let sums = exact::open_loop(&mut own, scalars, kept, &network, scaling, piece);
+            lock(&idle).push(own);
+            sums
         }
         _ => exact::one_by_one(drive, scalars, kept, &network, scaling, piece),
     };
@@ -63,12 +69,17 @@ pub fn importance<T: Real>(
     Some((total, samples as u64))
 }
 
+/// Buffers that no thread uses.
+fn lock<T>(idle: &Mutex<Vec<OwnGradients<T>>>) -> MutexGuard<'_, Vec<OwnGradients<T>>> {
+    idle.lock().expect("no thread panics while it holds this lock")
+}
+
 #[cfg(test)]
 mod tests {
     use super::super::MasOutput;
     use super::*;
     use crate::car_following::{TrafficRegime, TrafficSettings, generate};
-    use crate::driver::{DriverShape, OwnGradients};
+    use crate::driver::DriverShape;
     use crate::lstm::{INPUTS, Layout, Magnitude, initial_weights};
 
     /// Every piece kept until the end and then added up: what takes memory that grows with the events.

@@ -15,8 +15,9 @@ pub(super) struct Forward<'a, T> {
     pub(super) events: &'a [usize],
     /// Rows that begin, from a zero state.
     pub(super) begun: usize,
-    /// `W_ih x + b` of each event.
+    /// `W_ih x + b` of each event, from row `first` on.
     pub(super) projected: Lines<'a, T>,
+    pub(super) first: usize,
     /// States that the step before left.
     pub(super) h_before: Lines<'a, T>,
     pub(super) c_before: Lines<'a, T>,
@@ -35,7 +36,7 @@ impl<T: Real> Kernel<T> for Forward<'_, T> {
         let z = self.z.chunks_exact_mut(GATES * rows);
         let states = self.c.chunks_exact_mut(rows).zip(self.h.chunks_exact_mut(rows));
         for (at, ((terms, z), (c, h))) in weights.blocks().zip(z).zip(states).enumerate() {
-            let gates = std::array::from_fn(|gate| self.projected.line(at * GATES + gate));
+            let gates = std::array::from_fn(|gate| &self.projected.line(at * GATES + gate)[self.first..]);
             let mut z = z.chunks_exact_mut(rows);
             let z = std::array::from_fn(|_| z.next().expect("four gates"));
             let mut block = Block { gates, events: self.events, begun: self.begun, z, c, h };

@@ -1,6 +1,7 @@
 //! Weights, and the same weights arranged for the passes: once an update, not once a product.
 
 use super::arranged::Arranged;
+use super::ends::Project;
 use super::lines::{GATES, LINE, Line, gate_row, in_lines, lines};
 use super::{Layout, Real};
 
@@ -82,5 +83,10 @@ impl<T: Real> Network<T> {
     #[must_use]
     pub fn weights(&self) -> &[T] {
         &self.weights
+    }
+
+    /// `W_ih x + b` of each row of inputs, in lines of them.
+    pub(super) fn project(&self, inputs: &[T], projected: &mut [Line<T>]) {
+        T::run(Project { weights: &self.input, bias: &self.bias, inputs, projected });
     }
 }

@@ -37,7 +37,7 @@ fn a_step_forward_has_the_same_bits_in_every_way() {
         for (begun, later) in [(3, 0), (0, 1), (2, 5), (1, 14)] {
             let (rows, before) = (begun + later, later + 2);
             let events: Vec<_> = (0..rows).map(|row| row % 3).collect();
-            let (p, h, c) = (values(3 * GATES * units, 1), values(before * units, 2), values(before * units, 3));
+            let (p, h, c) = (values(4 * GATES * units, 1), values(before * units, 2), values(before * units, 3));
             every_way(&|way| {
                 let mut out = values(rows * (GATES + 2) * units, 4);
                 let (z, states) = out.split_at_mut(rows * GATES * units);
@@ -46,7 +46,8 @@ fn a_step_forward_has_the_same_bits_in_every_way() {
                     weights: &network.to_gates,
                     events: &events,
                     begun,
-                    projected: Lines::new(&p, 3),
+                    projected: Lines::new(&p, 4),
+                    first: 1,
                     h_before: Lines::new(&h, before),
                     c_before: Lines::new(&c, before),
                     z,

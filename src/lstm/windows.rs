@@ -1,13 +1,14 @@
 //! Windows on their own, a few at a time: forward, backward, and each one's own gradient squared or in absolute value.
 
 use super::gradient::Gradient;
+use super::lines::{Line, Lines, grow};
 use super::passes::{Gradients, Passes};
 use super::squares::{Magnitude, Values, add_magnitudes};
 use super::{INPUTS, Layout, Network, Real};
 
 /// The passes over windows of recorded inputs, which have no influence on each other: what importance over the open loop takes.
 ///
-/// Windows that are taken at once begin at neighbouring steps. Everything that they leave behind stays in the cache until their
+/// Windows that are taken at once begin at neighbouring steps: the input of a step is projected once for all that read it. Everything that they leave behind stays in the cache until their
 /// gradients are summed.
 #[derive(Debug)]
 pub struct Windows<T> {
@@ -17,6 +18,7 @@ pub struct Windows<T> {
     passes: Passes<T>,
     /// Of each step that some window reads.
     inputs: Vec<T>,
+    projected: Vec<Line<T>>,
     sums: Gradient<T>,
 }
 
@@ -35,7 +37,14 @@ impl<T: Real> Windows<T> {
     #[must_use]
     pub fn new(layout: Layout, horizon: usize) -> Self {
         assert!(horizon > 0 && layout.inputs == INPUTS, "windows read the paper's four inputs");
-        Self { layout, horizon, passes: Passes::carried(layout), inputs: Vec::new(), sums: Gradient::new(layout) }
+        Self {
+            layout,
+            horizon,
+            passes: Passes::carried(layout),
+            inputs: Vec::new(),
+            projected: Vec::new(),
+            sums: Gradient::new(layout),
+        }
     }
 
     /// The head's value of every window within these steps, of which `inputs` has the standardised ones.
@@ -51,11 +60,14 @@ impl<T: Real> Windows<T> {
         self.inputs.clear();
         self.inputs.extend_from_slice(inputs);
         self.passes.begin(self.horizon, &[self.horizon; AT_ONCE][..windows]);
+        let lines = steps * network.bias.len();
+        grow(&mut self.projected, lines);
+        network.project(inputs, &mut self.projected[..lines]);
+        let projected = Lines::new(&self.projected[..lines], steps);
         for step in 0..self.horizon - 1 {
-            self.passes.forward(network, step, &inputs[step * each..][..windows * each]);
+            self.passes.advance(network, step, projected, step);
         }
-        let last = self.horizon - 1;
-        self.passes.forward(network, last, &inputs[last * each..][..windows * each])
+        self.passes.advance(network, self.horizon - 1, projected, self.horizon - 1)
     }
 
     /// Sums `|g|` or `g²` over windows, g being the gradient of that window's own head value times its `dy`. After

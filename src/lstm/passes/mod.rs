@@ -5,7 +5,7 @@ mod own;
 use std::ops::Range;
 
 use super::backward::{ThroughGates, ThroughWeights};
-use super::ends::{Dots, HeadBackward, Project, ProjectBackward};
+use super::ends::{Dots, HeadBackward, ProjectBackward};
 use super::forward::Forward;
 use super::gradient::Gradient;
 use super::lines::{GATES, LINE, Line, Lines, grow, lines};
@@ -195,11 +195,20 @@ impl<T: Real> Passes<T> {
     /// # Panics
     /// When the number of inputs does not fit.
     pub fn forward(&mut self, network: &Network<T>, t: usize, inputs: &[T]) -> &[T] {
-        let (units, step) = (lines(self.layout.hidden), self.plan.steps()[t]);
+        let (lines, step) = (GATES * lines(self.layout.hidden), self.plan.steps()[t]);
         assert_eq!(inputs.len(), step.events * self.layout.inputs);
         self.inputs[step.read * self.layout.inputs..][..inputs.len()].copy_from_slice(inputs);
-        let projected = &mut self.projected[..step.events * GATES * units];
-        T::run(Project { weights: &network.input, bias: &network.bias, inputs, projected });
+        let mut projected = std::mem::take(&mut self.projected);
+        network.project(inputs, &mut projected[..step.events * lines]);
+        self.advance(network, t, Lines::new(&projected[..step.events * lines], step.events), 0);
+        self.projected = projected;
+        &self.outputs
+    }
+
+    /// The same from projected inputs, those of the first event in row `first`. Who does not tell the inputs themselves cannot have
+    /// the derivatives by their weights from here.
+    pub(super) fn advance(&mut self, network: &Network<T>, t: usize, projected: Lines<'_, T>, first: usize) -> &[T] {
+        let (units, step) = (lines(self.layout.hidden), self.plan.steps()[t]);
         let (c_before, c) = self.c.split_at_mut(step.start * units);
         let (h_before, h) = self.h.split_at_mut(step.start * units);
         let before = self.plan.before(t);
@@ -208,7 +217,8 @@ impl<T: Real> Passes<T> {
             weights: &network.to_gates,
             events: self.plan.events(step),
             begun: step.begun,
-            projected: Lines::new(projected, step.events),
+            projected,
+            first,
             h_before: of_step(h_before, before, units),
             c_before: of_step(c_before, before, units),
             z: &mut self.z[step.start * GATES * units..][..step.rows * GATES * units],
