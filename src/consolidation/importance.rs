@@ -22,8 +22,7 @@ const LOOKED_AT_TOGETHER: usize = 64;
 /// Every output's own gradient counts, so the result does not depend on how the events came in batches; `events` must be in
 /// an order of their own (that of their digests) for equal bits. Over the open loop, window by window, exact importance costs
 /// about an epoch; over the closed loop, or with a carried state, a pass backward for every output: as many epochs as an
-/// event has steps, or twice that. Sampled, it costs a drive forward, and a pass backward for each draw; with a carried state
-/// events go both ways together.
+/// event has steps, or twice that. Sampled, it costs a drive forward, and a pass backward for each draw.
 ///
 /// Returns the importance and M; none when `go_on`, asked on the way, says no.
 pub fn importance<T: Real>(

@@ -26,7 +26,7 @@ impl<T: Real> Arranged<T> {
         Self { inputs: 0, terms: Vec::new() }
     }
 
-    /// Takes the weights of so many lines of inputs and outputs; `weights(input)` gives those of one input.
+    /// Takes the weights of so many lines of inputs and outputs.
     pub(super) fn set(&mut self, inputs: usize, outputs: usize, weight: impl Fn(usize, usize) -> T) {
         self.inputs = inputs * LINE;
         self.terms.clear();
