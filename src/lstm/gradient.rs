@@ -1,7 +1,7 @@
 //! What the way back adds up, in lines, until it is handed over in the order of the flat vector.
 
 use super::lines::{GATES, LINE, Line, gate_row, lines};
-use super::outer::{TOGETHER, place};
+use super::tiles::{TOGETHER, place};
 use super::{Layout, Real};
 
 /// Sums of a gradient's parts.

@@ -24,6 +24,7 @@ mod passes;
 mod plan;
 mod real;
 mod squares;
+mod tiles;
 #[cfg(test)]
 mod tests;
 mod windows;

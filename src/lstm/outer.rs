@@ -3,6 +3,7 @@
 use super::Real;
 use super::lanes::{Kernel, Lanes};
 use super::lines::{LINE, Line};
+use super::tiles::{OUTPUTS, TOGETHER, Tiles, add_outer, each_tile, place};
 
 /// Rows of one step: where their derivatives and the states before them begin.
 #[derive(Debug, Clone, Copy)]
@@ -13,17 +14,6 @@ pub(super) struct Segment {
     /// Among the states, in lines of `h_rows`, of which the first `rows` are read.
     pub(super) h: usize,
     pub(super) h_rows: usize,
-}
-
-/// Pre-activations that are summed together: a part of a line.
-pub(super) const OUTPUTS: usize = 8;
-/// Lines of units that are summed together.
-pub(super) const TOGETHER: usize = 2;
-
-/// Where the sum of a line of units lies: those of all pre-activations beside each other, so that they are read in one stretch.
-#[inline(always)]
-pub(super) fn place(outputs: usize, output: usize, line: usize) -> usize {
-    (line / TOGETHER * outputs + output) * TOGETHER + line % TOGETHER
 }
 
 /// Adds `Σ dz h'ᵀ` over the rows of some steps: a sum is loaded and stored once for all of them, and is the same however steps
@@ -44,30 +34,11 @@ pub(super) struct OuterProducts<'a, T> {
 impl<T: Real> Kernel<T> for OuterProducts<'_, T> {
     #[inline(always)]
     fn run<L: Lanes<Number = T>>(mut self, l: L) {
-        let mut at = 0;
-        // States of two lines stay in the first-level cache while all derivatives pass over them.
-        while at < self.lines {
-            for output in 0..self.outputs / LINE {
-                for from in (0..LINE).step_by(OUTPUTS) {
-                    if L::WIDTH == LINE && at + TOGETHER <= self.lines {
-                        self.tile::<L, TOGETHER>(l, (output, from), (at, 0));
-                        continue;
-                    }
-                    for line in at..self.lines.min(at + TOGETHER) {
-                        for lane in (0..LINE).step_by(L::WIDTH) {
-                            self.tile::<L, 1>(l, (output, from), (line, lane));
-                        }
-                    }
-                }
-            }
-            at += TOGETHER;
-        }
+        each_tile(l, self.outputs, self.lines, &mut self);
     }
 }
 
-impl<T: Real> OuterProducts<'_, T> {
-    /// Some pre-activations from `from` on of a line of them, by `G` lines of units from line `at` on, in registers: one vector of
-    /// each, from `lane` on.
+impl<T: Real> Tiles<T> for OuterProducts<'_, T> {
     #[inline(always)]
     fn tile<L: Lanes<Number = T>, const G: usize>(
         &mut self,
@@ -94,12 +65,7 @@ impl<T: Real> OuterProducts<'_, T> {
                     #[inline(always)]
                     |g| l.load(&h[g][row].0[lane..]),
                 );
-                for n in 0..OUTPUTS {
-                    let dz = l.splat(dz[n]);
-                    for g in 0..G {
-                        sums[n][g] = l.fma(dz, h[g], sums[n][g]);
-                    }
-                }
+                add_outer(l, dz, h, &mut sums);
             }
         }
         for n in 0..OUTPUTS {

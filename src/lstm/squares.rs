@@ -3,7 +3,7 @@
 use super::gradient::Gradient;
 use super::lanes::{Kernel, Lanes, Single};
 use super::lines::{GATES, LINE, Line};
-use super::outer::{OUTPUTS, TOGETHER, place};
+use super::tiles::{OUTPUTS, TOGETHER, Tiles, add_outer, each_tile, place};
 use super::{INPUTS, Real};
 
 /// What is summed of each window's gradient g.
@@ -74,27 +74,12 @@ struct Recurrent<'a, T> {
 impl<T: Real> Kernel<T> for Recurrent<'_, T> {
     #[inline(always)]
     fn run<L: Lanes<Number = T>>(mut self, l: L) {
-        for at in (0..self.lines).step_by(TOGETHER) {
-            for output in 0..GATES * self.lines {
-                for from in (0..LINE).step_by(OUTPUTS) {
-                    if L::WIDTH == LINE && at + TOGETHER <= self.lines {
-                        self.tile::<L, TOGETHER>(l, (output, from), (at, 0));
-                        continue;
-                    }
-                    for line in at..self.lines.min(at + TOGETHER) {
-                        for lane in (0..LINE).step_by(L::WIDTH) {
-                            self.tile::<L, 1>(l, (output, from), (line, lane));
-                        }
-                    }
-                }
-            }
-        }
+        each_tile(l, GATES * self.lines * LINE, self.lines, &mut self);
     }
 }
 
-impl<T: Real> Recurrent<'_, T> {
-    /// Some pre-activations from `from` on of a line of them, by `G` lines of units from line `at` on: one vector of each, from
-    /// `lane` on. The sums stay near while the windows pass.
+impl<T: Real> Tiles<T> for Recurrent<'_, T> {
+    /// The sums stay near while the windows pass.
     #[inline(always)]
     fn tile<L: Lanes<Number = T>, const G: usize>(
         &mut self,
@@ -116,12 +101,7 @@ impl<T: Real> Recurrent<'_, T> {
                     #[inline(always)]
                     |g| l.load(&h[g * windows].0[lane..]),
                 );
-                for n in 0..OUTPUTS {
-                    let dz = l.splat(dz[n]);
-                    for k in 0..G {
-                        g[n][k] = l.fma(dz, h[k], g[n][k]);
-                    }
-                }
+                add_outer(l, dz, h, &mut g);
             }
             for n in 0..OUTPUTS {
                 for k in 0..G {

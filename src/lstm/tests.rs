@@ -4,7 +4,8 @@ use super::backward::{ThroughGates, ThroughWeights};
 use super::forward::Forward;
 use super::lanes::run_one_way;
 use super::lines::{GATES, LINE, Line, Lines, gate_row, lines};
-use super::outer::{OuterProducts, Segment, TOGETHER, place};
+use super::outer::{OuterProducts, Segment};
+use super::tiles::{TOGETHER, place};
 use super::*;
 
 fn values(count: usize, seed: usize) -> Vec<Line<f32>> {
