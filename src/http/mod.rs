@@ -8,10 +8,10 @@ mod answer;
 mod batches;
 /// JSON bodies.
 mod body;
-/// Request ids, log line, metrics, rendering of problems.
-mod context;
 /// Connections.
 pub mod connections;
+/// Request ids, log line, metrics, rendering of problems.
+mod context;
 /// `ETag` and `If-Match`.
 mod etag;
 /// Versions and reference drivers on events that are not kept.
@@ -26,10 +26,10 @@ mod idempotency;
 mod interface;
 /// `/v1/models` and what holds a model's training.
 mod models;
-/// JSON objects, where no array will do.
-mod object;
 /// Arrays of numbers.
 mod numbers;
+/// JSON objects, where no array will do.
+mod object;
 /// Names and ids in paths.
 mod path;
 /// Predictions and simulations.

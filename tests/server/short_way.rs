@@ -25,7 +25,9 @@ async fn a_prediction_is_answered_as_the_router_would() {
     server.learn("default", "fast", &events("e", 12, 10.0)).await;
     let good = json!({"windows": [window(5, 9.0), window(5, 11.0)]}).to_string();
     let json = |request: RequestBuilder| request.header("content-type", "application/json");
-    let many = json!({"windows": vec![window(5, 9.0); 500]}).to_string();
+    // A little too long: a client that is still sending when the server closes may find no answer.
+    let many = json!({"windows": vec![window(5, 9.0); 250]}).to_string();
+    assert!(many.len() > 20_000);
     let short = json!({"windows": [window(4, 9.0)]}).to_string();
     let unknown = json!({"windows": [window(5, 9.0)], "version": 9}).to_string();
     let chunks = |body: &str| {
