@@ -1,21 +1,12 @@
 //! Weights in the order in which serving reads them.
 
 use crate::lstm::Layout;
-
-/// Hidden units that are computed together: as many as a line of the cache, or the widest register, holds.
-pub(super) const LANES: usize = 16;
-/// Input, forget, cell and output gate.
-pub(super) const GATES: usize = 4;
-
-/// One value for each of some neighbouring hidden units.
-#[derive(Debug, Clone, Copy)]
-#[repr(align(64))]
-pub(super) struct Line(pub(super) [f32; LANES]);
+use crate::lstm::lines::{GATES, LINE, Line, in_lines};
 
 /// What one term of their sums is multiplied by, for the four gates of the units of a block.
-pub(super) type Term = [Line; GATES];
+pub(super) type Term = [Line<f32>; GATES];
 
-/// The weights, block by block of [`LANES`] hidden units: bias, input weights, recurrent weights, each a [`Term`].
+/// The weights, block by block of [`LINE`] hidden units: bias, input weights, recurrent weights, each a [`Term`].
 ///
 /// With 128 units a block is 34 KB, which stays in the first cache while it is applied to many rows, and is read in one stretch.
 /// Units that are missing from the last block have weights of 0, so that their states are 0.
@@ -23,7 +14,7 @@ pub(super) type Term = [Line; GATES];
 pub(super) struct Packed {
     layout: Layout,
     terms: Vec<Term>,
-    head: Vec<Line>,
+    head: Vec<Line<f32>>,
     head_bias: f32,
 }
 
@@ -43,8 +34,8 @@ impl Packed {
         let Layout { hidden, inputs } = layout;
         let (input, recurrent, bias) =
             (&weights[layout.input()], &weights[layout.recurrent()], &weights[layout.bias()]);
-        let mut terms = Vec::with_capacity(hidden.div_ceil(LANES) * (1 + inputs + hidden));
-        for first in (0..hidden).step_by(LANES) {
+        let mut terms = Vec::with_capacity(hidden.div_ceil(LINE) * (1 + inputs + hidden));
+        for first in (0..hidden).step_by(LINE) {
             let term = |weight: &dyn Fn(usize) -> f32| -> Term {
                 std::array::from_fn(|gate| line(first, hidden, |unit| weight(gate * hidden + unit)))
             };
@@ -52,14 +43,13 @@ impl Packed {
             terms.extend((0..inputs).map(|k| term(&|row| input[row * inputs + k])));
             terms.extend((0..hidden).map(|k| term(&|row| recurrent[row * hidden + k])));
         }
-        let head = &weights[layout.head()];
-        let head = (0..hidden).step_by(LANES).map(|first| line(first, hidden, |unit| head[unit])).collect();
+        let head = in_lines(&weights[layout.head()]).collect();
         Self { layout, terms, head, head_bias: weights[layout.head_bias()] }
     }
 
     /// Values of a row of states: hidden units, and those that fill the last block.
     pub(super) fn units(&self) -> usize {
-        self.blocks() * LANES
+        self.blocks() * LINE
     }
 
     pub(super) fn blocks(&self) -> usize {
@@ -78,9 +68,9 @@ impl Packed {
     /// The head's value for a row of states: each lane along the lines, then one lane after another.
     #[inline(always)]
     pub(super) fn head_value(&self, h: &[f32]) -> f32 {
-        let mut sums = [0.0; LANES];
-        for (line, h) in self.head.iter().zip(h.as_chunks::<LANES>().0) {
-            for lane in 0..LANES {
+        let mut sums = [0.0; LINE];
+        for (line, h) in self.head.iter().zip(h.as_chunks::<LINE>().0) {
+            for lane in 0..LINE {
                 sums[lane] += line.0[lane] * h[lane];
             }
         }
@@ -89,6 +79,6 @@ impl Packed {
 }
 
 /// The values of the units from `first` on; 0 where there are no more.
-fn line(first: usize, hidden: usize, value: impl Fn(usize) -> f32) -> Line {
+fn line(first: usize, hidden: usize, value: impl Fn(usize) -> f32) -> Line<f32> {
     Line(std::array::from_fn(|lane| if first + lane < hidden { value(first + lane) } else { 0.0 }))
 }

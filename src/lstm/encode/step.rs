@@ -2,9 +2,10 @@
 
 use pulp::{Arch, Simd, WithSimd};
 
-use super::packed::{Block, GATES, LANES, Packed, Term};
+use super::packed::{Block, Packed, Term};
 use crate::lstm::gates::{begin, go_on};
 use crate::lstm::lanes::{Lanes, Vectors};
+use crate::lstm::lines::{GATES, LINE};
 
 /// Rows that share each load of a weight.
 const ROWS: usize = 6;
@@ -53,15 +54,15 @@ impl Step<'_> {
     #[inline(always)]
     fn group<S: Simd, const N: usize>(&mut self, simd: S, at: usize, row: usize) {
         let (units, Block { bias, input, recurrent }) = (self.packed.units(), self.packed.block(at));
-        let mut projected = [[0.0; GATES * LANES]; N];
+        let mut projected = [[0.0; GATES * LINE]; N];
         sums(simd, Some(bias), input, self.inputs.from(row), &mut projected);
-        let (l, place) = (Vectors::new(simd), |n: usize| (row + n) * units + at * LANES);
-        let mut z = [[0.0; GATES * LANES]; N];
+        let (l, place) = (Vectors::new(simd), |n: usize| (row + n) * units + at * LINE);
+        let mut z = [[0.0; GATES * LINE]; N];
         if let Some(States { h, .. }) = self.before {
             sums(simd, None, recurrent, Rows { values: h, stride: units }.from(row), &mut z);
         }
         for n in 0..N {
-            for lane in (0..LANES).step_by(Vectors::<S>::WIDTH) {
+            for lane in (0..LINE).step_by(Vectors::<S>::WIDTH) {
                 let at = place(n) + lane;
                 let p = gates(l, &projected[n], lane);
                 let (_, c, h) = match self.before {
@@ -77,10 +78,10 @@ impl Step<'_> {
 
 /// The four gates of some units of a block.
 #[inline(always)]
-fn gates<L: Lanes<Number = f32>>(l: L, block: &[f32; GATES * LANES], lane: usize) -> [L::Value; GATES] {
+fn gates<L: Lanes<Number = f32>>(l: L, block: &[f32; GATES * LINE], lane: usize) -> [L::Value; GATES] {
     std::array::from_fn(
         #[inline(always)]
-        |gate| l.load(&block[gate * LANES + lane..]),
+        |gate| l.load(&block[gate * LINE + lane..]),
     )
 }
 
@@ -128,7 +129,7 @@ fn sums<S: Simd, const N: usize>(
     start: Option<&Term>,
     terms: &[Term],
     x: Rows<'_>,
-    out: &mut [[f32; GATES * LANES]; N],
+    out: &mut [[f32; GATES * LINE]; N],
 ) {
     match (S::F32_LANES, N) {
         (16, _) => in_registers::<S, N, 4, 1>(simd, start, terms, x, out),
@@ -147,7 +148,7 @@ fn in_registers<S: Simd, const N: usize, const LINES: usize, const VECTORS: usiz
     start: Option<&Term>,
     terms: &[Term],
     x: Rows<'_>,
-    out: &mut [[f32; GATES * LANES]; N],
+    out: &mut [[f32; GATES * LINE]; N],
 ) {
     let x: [&[f32]; N] = std::array::from_fn(|n| x.row(n, terms.len()));
     for gate in (0..GATES).step_by(LINES) {
@@ -172,7 +173,7 @@ fn in_registers<S: Simd, const N: usize, const LINES: usize, const VECTORS: usiz
         }
         for n in 0..N {
             for line in 0..LINES {
-                let out = &mut out[n][(gate + line) * LANES..][..LANES];
+                let out = &mut out[n][(gate + line) * LINE..][..LINE];
                 S::as_mut_simd_f32s(out).0.copy_from_slice(&sums[n][line]);
             }
         }
