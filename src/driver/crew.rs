@@ -9,8 +9,7 @@ use super::{Drive, DriverShape};
 use crate::car_following::Event;
 use crate::lstm::Real;
 
-/// Most events driven together: what eight leave behind is still near when the way back reads it, and eight rows are what a
-/// product sums in registers at once. Part of the arithmetic, as the other bounds are: sums are grouped by them.
+/// Most events driven together: what eight leave behind is still near when the way back reads it. Part of the arithmetic, as the other bounds are: sums are grouped by them.
 const PIECE_EVENTS: usize = 8;
 /// Fewest, where there are so many: few events are shared out rather than driven by one thread.
 const PIECE_EVENTS_LEAST: usize = 4;

@@ -258,8 +258,8 @@ impl<T: Real> Drive<T> {
         self.own = gradient;
     }
 
-    fn back(&mut self, network: &Network<T>, scaling: &Scaling, by: By<'_, T>, kept: Gradients) {
-        self.passes.turn(kept);
+    fn back(&mut self, network: &Network<T>, scaling: &Scaling, by: By<'_, T>, wanted: Gradients) {
+        self.passes.turn(wanted);
         match by {
             By::Trajectory(by) => self.back_through_the_loop(network, scaling, by),
             By::Accelerations(by) => self.back_from_accelerations(network, by),

@@ -33,9 +33,9 @@ impl<T: Real> Arranged<T> {
         for block in 0..outputs.div_ceil(BLOCK) {
             self.terms.extend((0..self.inputs).map(|input| {
                 std::array::from_fn(|line| {
-                    let output = (block * BLOCK + line) * LINE;
+                    let line = block * BLOCK + line;
                     Line(std::array::from_fn(|lane| {
-                        if output / LINE < outputs { weight(input, output + lane) } else { T::zero() }
+                        if line < outputs { weight(input, line * LINE + lane) } else { T::zero() }
                     }))
                 })
             }));
@@ -95,14 +95,12 @@ pub(super) fn add_products<L: Lanes, const N: usize>(
         return in_registers::<L, N, BLOCK, 1>(l, terms, x, row, (0, 0), sums);
     }
     for line in 0..lines {
-        if L::WIDTH == LINE {
-            in_registers::<L, N, 1, 1>(l, terms, x, row, (line, 0), sums);
-        } else if L::WIDTH > 1 {
+        if L::WIDTH > 1 && L::WIDTH < LINE {
             for lane in (0..LINE).step_by(2 * L::WIDTH) {
                 in_registers::<L, N, 1, 2>(l, terms, x, row, (line, lane), sums);
             }
         } else {
-            for lane in 0..LINE {
+            for lane in (0..LINE).step_by(L::WIDTH) {
                 in_registers::<L, N, 1, 1>(l, terms, x, row, (line, lane), sums);
             }
         }

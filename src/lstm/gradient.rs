@@ -48,20 +48,20 @@ impl<T: Real> Gradient<T> {
                 *g += input(k);
             }
             let recurrent = &mut gradient[layout.recurrent()][row * layout.hidden..][..layout.hidden];
-            for (unit, to) in recurrent.chunks_mut(LINE).enumerate() {
-                add(&self.recurrent[place(outputs * LINE, output, unit)..][..1], to);
+            for (line, to) in recurrent.chunks_mut(LINE).enumerate() {
+                add(&self.recurrent[place(outputs * LINE, output, line)], to);
             }
             gradient[layout.bias()][row] += input(layout.inputs);
         }
-        add(&self.head, &mut gradient[layout.head()]);
+        for (sums, to) in self.head.iter().zip(gradient[layout.head()].chunks_mut(LINE)) {
+            add(sums, to);
+        }
         gradient[layout.head_bias()] += self.head_bias;
     }
 }
 
-fn add<T: Real>(sums: &[Line<T>], to: &mut [T]) {
-    for (sums, to) in sums.iter().zip(to.chunks_mut(LINE)) {
-        for (sum, to) in sums.0.iter().zip(to) {
-            *to += *sum;
-        }
+fn add<T: Real>(sums: &Line<T>, to: &mut [T]) {
+    for (to, sum) in to.iter_mut().zip(sums.0) {
+        *to += sum;
     }
 }

@@ -14,8 +14,6 @@ pub trait Lanes: Copy {
     type Value: Copy;
     /// Numbers in a value.
     const WIDTH: usize;
-    /// Values that sums can be kept in, beside what they are made of.
-    const SUMS: usize;
 
     /// The same number everywhere.
     fn splat(self, x: Self::Number) -> Self::Value;
@@ -78,7 +76,6 @@ impl<T: Real> Lanes for Single<T> {
     type Number = T;
     type Value = T;
     const WIDTH: usize = 1;
-    const SUMS: usize = 8;
 
     #[inline(always)]
     fn splat(self, x: T) -> T {
@@ -142,8 +139,6 @@ impl<S: Simd> Lanes for Vectors<S> {
     type Number = f32;
     type Value = S::f32s;
     const WIDTH: usize = S::F32_LANES;
-    // AVX-512 has 32 registers, the others 16.
-    const SUMS: usize = if S::F32_LANES == 16 { 16 } else { 8 };
 
     #[inline(always)]
     fn splat(self, x: f32) -> S::f32s {

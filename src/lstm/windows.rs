@@ -8,8 +8,8 @@ use super::{INPUTS, Layout, Network, Real};
 
 /// The passes over windows of recorded inputs, which have no influence on each other: what importance over the open loop takes.
 ///
-/// Windows that are taken at once begin at neighbouring steps: the input of a step is projected once for all that read it. Everything that they leave behind stays in the cache until their
-/// gradients are summed.
+/// Windows that are taken at once begin at neighbouring steps: the input of a step is projected once for all that read it.
+/// Everything that they leave behind stays in the cache until their gradients are summed.
 #[derive(Debug)]
 pub struct Windows<T> {
     layout: Layout,

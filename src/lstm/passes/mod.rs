@@ -71,7 +71,7 @@ struct Back<T> {
     /// By the head values, of all steps.
     dy: Vec<T>,
     dx: Vec<T>,
-    kept: Gradients,
+    wanted: Gradients,
     gradient: Gradient<T>,
     own: Own<T>,
 }
@@ -80,7 +80,7 @@ impl<T> Back<T> {
     /// Where the derivatives by the pre-activations of a step's events lie: those of other steps are kept beside them, or are
     /// written over.
     fn sums(&self, step: Step, lines: usize) -> Range<usize> {
-        let start = if self.kept == Gradients::Own { step.read * lines } else { 0 };
+        let start = if self.wanted == Gradients::Own { step.read * lines } else { 0 };
         start..start + step.events * lines
     }
 }
@@ -124,7 +124,7 @@ impl<T: Real> Passes<T> {
                 dz_sum: empty(),
                 dy: Vec::new(),
                 dx: Vec::new(),
-                kept: Gradients::Summed,
+                wanted: Gradients::Summed,
                 gradient: Gradient::new(layout),
                 own: Own::new(),
             },
@@ -157,11 +157,11 @@ impl<T: Real> Passes<T> {
     }
 
     /// Turns round after the last step, or once more after the first.
-    pub fn turn(&mut self, kept: Gradients) {
+    pub fn turn(&mut self, wanted: Gradients) {
         let gates = GATES * lines(self.layout.hidden);
-        self.back.kept = kept;
+        self.back.wanted = wanted;
         self.back.gathered.clear();
-        match kept {
+        match wanted {
             Gradients::Summed => self.back.gradient.clear(),
             Gradients::Own => {
                 let (rows, read) = (self.plan.rows(), self.plan.read());
@@ -248,8 +248,8 @@ impl<T: Real> Passes<T> {
         let (inputs, outputs) = (step.read * self.layout.inputs, GATES * units);
         let inputs = &self.inputs[inputs..][..step.events * self.layout.inputs];
         let sums = self.back.sums(step, outputs);
-        let Back { dz_sum, dy: all_dy, kept, gradient, .. } = &mut self.back;
-        match kept {
+        let Back { dz_sum, dy: all_dy, wanted, gradient, .. } = &mut self.back;
+        match wanted {
             Gradients::Summed => {
                 let dz = Lines::new(&dz_sum[sums], step.events);
                 T::run(ProjectBackward { inputs, dz, sums: &mut gradient.input, outputs });
@@ -258,7 +258,8 @@ impl<T: Real> Passes<T> {
         }
         std::mem::swap(&mut self.back.dh, &mut self.back.dh_before);
         std::mem::swap(&mut self.back.dc, &mut self.back.dc_before);
-        if self.back.kept == Gradients::Summed && self.back.gathered.iter().map(|of| of.rows).sum::<usize>() >= GATHERED
+        if self.back.wanted == Gradients::Summed
+            && self.back.gathered.iter().map(|of| of.rows).sum::<usize>() >= GATHERED
         {
             self.gather();
         }
@@ -335,9 +336,9 @@ impl<T: Real> Passes<T> {
     /// Adds the derivatives by all weights to `gradient`, once every step was gone back through.
     ///
     /// # Panics
-    /// When [`Gradients::Own`] is.
+    /// When [`Gradients::Own`] were asked for.
     pub fn finish(&mut self, gradient: &mut [T]) {
-        assert_eq!(self.back.kept, Gradients::Summed, "the sum was kept");
+        assert_eq!(self.back.wanted, Gradients::Summed, "the sum was asked for");
         self.gather();
         self.back.gradient.add_to(gradient);
     }

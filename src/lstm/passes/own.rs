@@ -3,7 +3,6 @@
 use super::super::ends::ProjectBackward;
 use super::super::lines::{GATES, LINE, Line, Lines, lines};
 use super::super::outer::{OuterProducts, Segment};
-use super::super::plan::Step;
 use super::{Back, GATHERED, Gradients, Passes, Real};
 
 /// What one event left behind, collected from the steps.
@@ -29,9 +28,9 @@ impl<T: Real> Passes<T> {
     /// through.
     ///
     /// # Panics
-    /// When only [`Gradients::Summed`] is.
+    /// When [`Gradients::Summed`] were asked for.
     pub fn add_own(&mut self, n: usize, gradient: &mut [T]) {
-        assert_eq!(self.back.kept, Gradients::Own, "everything was kept");
+        assert_eq!(self.back.wanted, Gradients::Own, "each event's own was asked for");
         self.back.gradient.clear();
         self.own_recurrent(n);
         self.own_input(n);
@@ -96,9 +95,8 @@ impl<T: Real> Passes<T> {
         let Back { dy, gradient, .. } = &mut self.back;
         for step in self.plan.steps().iter().filter(|step| n < step.answering) {
             let (dy, row) = (dy[step.read + n], step.rows - step.answering + n);
-            let h = |step: &Step, line: usize| &self.h[step.start * units + line * step.rows + row];
             for (line, sums) in gradient.head.iter_mut().enumerate() {
-                for (sum, h) in sums.0.iter_mut().zip(h(step, line).0) {
+                for (sum, h) in sums.0.iter_mut().zip(self.h[step.start * units + line * step.rows + row].0) {
                     *sum += dy * h;
                 }
             }
