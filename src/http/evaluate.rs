@@ -17,6 +17,7 @@ use super::path::{ModelAt, parse_id};
 use super::problem::{Code, InputError, Problem, RequestContext};
 use super::query::Query;
 use super::versions;
+use crate::car_following::Event;
 use crate::ingest::{Examined, Upload, UploadOptions, examine};
 use crate::lineage::{Model, RegimeEvaluation, RegimeName};
 use crate::predictor::{PredictError, Scope, TrialSettings, TriedReference, TriedRegime, TriedVersion};
@@ -63,13 +64,13 @@ pub(super) async fn evaluate(
         let detail = "no event can be driven; `rejected` says why";
         return Ok(Code::NoEventAccepted.because(detail).with_members(members).answer(&context));
     }
-    let trial = app.predictor.trial(&model, &versions, references, by_regime(examined, model.settings.dt_s), limits);
+    let trial = app.predictor.trial(&model, &versions, references, by_regime(examined), limits);
     let trial = trial.await.map_err(|e| refusal(&model, e))?;
     let evaluator = Arc::clone(&app.evaluator);
     let driven = tokio::task::spawn_blocking(move || {
         let _slot = slot;
         let Evaluator { workers, settings } = &*evaluator;
-        (trial.drive_versions(workers), trial.drive_references(settings, workers))
+        trial.drive(settings, workers)
     });
     let (versions, references) = driven.await.map_err(Problem::internal)?;
     members.insert("model".to_owned(), json!(model.name));
@@ -147,10 +148,10 @@ fn receipt(examined: &Examined) -> Map<String, Value> {
     receipt.as_object().expect("an object").clone()
 }
 
-fn by_regime(examined: Examined, dt_s: f64) -> BTreeMap<RegimeName, Vec<crate::car_following::Event>> {
+fn by_regime(examined: Examined) -> BTreeMap<RegimeName, Vec<Event>> {
     let mut regimes = BTreeMap::<_, Vec<_>>::new();
     for arrived in examined.events {
-        regimes.entry(arrived.regime).or_default().push(arrived.event.resample(dt_s));
+        regimes.entry(arrived.regime).or_default().push(arrived.event);
     }
     regimes
 }

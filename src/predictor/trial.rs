@@ -14,7 +14,7 @@ use crate::reference::ReferenceKind;
 /// Everything a trial computes from, loaded.
 #[derive(Debug)]
 pub struct Trial {
-    /// Events at the model's step, by regime.
+    /// Events by regime, as they came; at the model's step while driven.
     events: BTreeMap<RegimeName, Vec<Event>>,
     /// The versions asked for, with what their lines have learned.
     versions: Vec<(Version, Vec<RegimeEvaluation>)>,
@@ -27,6 +27,8 @@ pub struct Trial {
     /// Which lesson a regime's reference drivers take.
     lesson_of: BTreeMap<RegimeName, usize>,
     horizon: usize,
+    /// The model's step, s.
+    dt_s: f64,
 }
 
 /// Where the events came from that a reference driver was calibrated on.
@@ -43,7 +45,7 @@ pub enum Scope {
 #[derive(Debug)]
 struct Lesson {
     scope: Scope,
-    /// Training events at the model's step.
+    /// Training events as stored; at the model's step while driven.
     events: Vec<Event>,
 }
 
@@ -107,6 +109,7 @@ impl Predictor {
             lessons: Vec::new(),
             lesson_of: BTreeMap::new(),
             horizon: model.settings.horizon as usize,
+            dt_s: model.settings.dt_s,
         };
         for &number in versions {
             let version = self.store.version(model.model_id, number).await?;
@@ -139,7 +142,7 @@ impl Predictor {
         for regime in trial.events.keys() {
             let load = async |regime| {
                 let stored = self.store.line_sample(model.model_id, trial.calibrated_on, regime, limit).await?;
-                let events = stored.into_iter().map(|stored| stored.event.resample(model.settings.dt_s));
+                let events = stored.into_iter().map(|stored| stored.event);
                 Ok::<Vec<Event>, PredictError>(events.collect())
             };
             let own = load(Some(regime)).await?;
@@ -160,16 +163,23 @@ impl Predictor {
 }
 
 impl Trial {
-    /// Drives the versions; the same bits for any number of threads.
+    /// Drives the versions, and calibrates and drives the reference drivers: one entry for each of them and each regime.
+    /// The same bits for any number of threads.
     #[must_use]
-    pub fn drive_versions(&self, workers: &ThreadPool) -> Vec<TriedVersion> {
+    pub fn drive(mut self, settings: &TrialSettings, workers: &ThreadPool) -> (Vec<TriedVersion>, Vec<TriedReference>) {
+        let lessons = self.lessons.iter_mut().map(|lesson| &mut lesson.events);
+        for event in self.events.values_mut().chain(lessons).flatten() {
+            *event = event.resample(self.dt_s);
+        }
+        (self.drive_versions(workers), self.drive_references(settings, workers))
+    }
+
+    fn drive_versions(&self, workers: &ThreadPool) -> Vec<TriedVersion> {
         let mut driven = Driven { trial: self, workers, known: BTreeMap::new() };
         self.versions.iter().map(|(version, line)| driven.version(version, line)).collect()
     }
 
-    /// Calibrates and drives the reference drivers: one entry for each of them and each regime.
-    #[must_use]
-    pub fn drive_references(&self, settings: &TrialSettings, workers: &ThreadPool) -> Vec<TriedReference> {
+    fn drive_references(&self, settings: &TrialSettings, workers: &ThreadPool) -> Vec<TriedReference> {
         let mut tried = Vec::new();
         for &kind in &self.references {
             let mut calibrations = BTreeMap::new();
