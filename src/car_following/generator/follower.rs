@@ -42,8 +42,8 @@ impl Follower {
                     comfortable_braking_mps2: noise.person(1.5, 0.2),
                 },
                 reaction_s: noise.between(0.2, 0.4),
-                unsteadiness_mps2: 0.25,
-                headway_drift: 0.3,
+                unsteadiness_mps2: 0.22,
+                headway_drift: 0.27,
             },
             TrafficRegime::Middle => Self {
                 idm: Idm {
