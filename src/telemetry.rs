@@ -120,6 +120,8 @@ fn describe() {
     describe_histogram!("headway_task_duration_seconds", Unit::Seconds, "From a task's start to its end.");
     describe_counter!("headway_training_events_total", Unit::Count, "Training events of the versions made.");
     describe_gauge!("headway_live_version", Unit::Count, "The version that serves; 0 when none does.");
+    describe_gauge!("headway_serving_version", Unit::Count, "The version that answers; 0 when none does.");
+    describe_gauge!("headway_corrupt_versions", Unit::Count, "Versions found corrupt since the server started.");
     describe_gauge!("headway_tasks", Unit::Count, "Tasks queued and running.");
 }
 
@@ -190,6 +192,16 @@ impl Metrics {
             gauge!("headway_live_version", "model" => model.clone()).set(live.unwrap_or(0) as f64);
             gauge!("headway_tasks", "model" => model.clone(), "state" => "queued").set(queued as f64);
             gauge!("headway_tasks", "model" => model.clone(), "state" => "running").set(running as f64);
+        });
+    }
+
+    /// What answers for a model, and how many of its versions were found corrupt.
+    #[expect(clippy::cast_precision_loss, reason = "Prometheus counts in f64")]
+    pub fn integrity(&self, model: &str, answering: Option<i64>, corrupt: usize) {
+        let model = model.to_owned();
+        self.with(|| {
+            gauge!("headway_serving_version", "model" => model.clone()).set(answering.unwrap_or(0) as f64);
+            gauge!("headway_corrupt_versions", "model" => model).set(corrupt as f64);
         });
     }
 

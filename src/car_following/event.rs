@@ -105,9 +105,15 @@ impl Event {
     /// Digest of the content: SHA-256 over `dt_s` (f64, little-endian) and [`Self::to_bytes`]. Copies have equal digests.
     #[must_use]
     pub fn content_sha256(&self) -> [u8; 32] {
+        Self::digest_of(self.dt_s, &self.to_bytes())
+    }
+
+    /// [`Self::content_sha256`] of the event whose [`Self::to_bytes`] these are.
+    #[must_use]
+    pub fn digest_of(dt_s: f64, bytes: &[u8]) -> [u8; 32] {
         let mut hasher = Sha256::new();
-        hasher.update(self.dt_s.to_le_bytes());
-        hasher.update(self.to_bytes());
+        hasher.update(dt_s.to_le_bytes());
+        hasher.update(bytes);
         hasher.finalize().into()
     }
 }

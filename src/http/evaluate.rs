@@ -130,6 +130,7 @@ fn unusable(parameter: &'static str, detail: String) -> Problem {
 fn refusal(model: &Model, error: PredictError) -> Problem {
     match error {
         PredictError::UnknownVersion(version) => versions::missing(model.name.as_str(), version),
+        PredictError::Unusable(_) => Code::Corrupt.because(error.to_string()),
         PredictError::Store(error) => error.into(),
         error => Problem::internal(error),
     }

@@ -10,29 +10,39 @@ use serde_json::json;
 use super::AppState;
 use super::answer::Answer;
 use super::problem::{Code, Problem};
+use crate::predictor::Degraded;
 
 /// The process answers.
 pub(super) async fn live() -> Answer {
     Answer::ok(&json!({"status": "ok"}))
 }
 
-/// The database can be written.
+/// The database can be written, and something answers for every model that has a live version. While an ancestor of a corrupt
+/// version does, requests are still to be sent here: the list says for which models.
 pub(super) async fn ready(State(app): State<Arc<AppState>>) -> Result<Answer, Problem> {
     if *app.stopping.borrow() {
         return Err(Problem::busy(Code::ShuttingDown, "no new work is taken"));
     }
     if !app.predictor.ready() {
-        return Err(Problem::busy(Code::NotReady, "a live version is not loaded"));
+        return Err(Problem::busy(Code::NotReady, "a live version is not loaded, and no ancestor of it"));
     }
     // Beginning a write takes the lock that any write takes; dropped, it never happened.
     drop(app.store.begin().await?);
-    Ok(Answer::ok(&json!({"status": "ready"})))
+    let degraded = app.predictor.degraded();
+    if degraded.is_empty() {
+        return Ok(Answer::ok(&json!({"status": "ready"})));
+    }
+    let told = |of: &Degraded| json!({"model": of.model, "live": of.live, "serving": of.serving});
+    Ok(Answer::ok(&json!({"status": "ready", "degraded": degraded.iter().map(told).collect::<Vec<_>>()})))
 }
 
 /// Prometheus text.
 pub(super) async fn metrics(State(app): State<Arc<AppState>>) -> Result<impl IntoResponse, Problem> {
     for model in app.store.model_census().await? {
         app.metrics.model_state(&model.name, model.live, model.queued, model.running);
+        let (answering, corrupt) =
+            (app.predictor.answering(model.model_id), app.store.corrupt_versions(model.model_id));
+        app.metrics.integrity(&model.name, answering, corrupt);
     }
     Ok(([(CONTENT_TYPE, "text/plain; version=0.0.4; charset=utf-8")], app.metrics.render()))
 }

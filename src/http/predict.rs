@@ -196,6 +196,7 @@ fn refusal(model: &ServedAt, error: PredictError) -> Problem {
         PredictError::NoLiveVersion => Code::NoLiveVersion.because(format!("nothing of {} serves yet", model.name)),
         PredictError::UnknownVersion(version) => versions::missing(&model.name, version),
         PredictError::Busy => busy(),
+        PredictError::Unusable(_) => Code::Corrupt.because(error.to_string()),
         PredictError::Store(error) => error.into(),
         // Windows are checked above, with pointers; what the predictor still refuses is a bug here.
         error => Problem::internal(error),

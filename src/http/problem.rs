@@ -43,6 +43,7 @@ pub enum Code {
     TaskEnded,
     NoLiveVersion,
     NoParentVersion,
+    Corrupt,
     IdempotencyInFlight,
     PreconditionFailed,
     BodyTooLarge,
@@ -63,7 +64,7 @@ pub enum Code {
 
 impl Code {
     /// Every code, for the contract test.
-    pub const ALL: [Self; 35] = [
+    pub const ALL: [Self; 36] = [
         Self::MalformedJson,
         Self::TruncatedBody,
         Self::MalformedBody,
@@ -83,6 +84,7 @@ impl Code {
         Self::TaskEnded,
         Self::NoLiveVersion,
         Self::NoParentVersion,
+        Self::Corrupt,
         Self::IdempotencyInFlight,
         Self::PreconditionFailed,
         Self::BodyTooLarge,
@@ -125,6 +127,7 @@ impl Code {
             Self::TaskEnded => ("task_ended", S::CONFLICT, "The task has ended"),
             Self::NoLiveVersion => ("no_live_version", S::CONFLICT, "The model has no live version"),
             Self::NoParentVersion => ("no_parent_version", S::CONFLICT, "There is no version to roll back to"),
+            Self::Corrupt => ("corrupt", S::CONFLICT, "What this needs is not what was stored"),
             Self::IdempotencyInFlight => {
                 ("idempotency_in_flight", S::CONFLICT, "A request with this Idempotency-Key is being answered")
             }
@@ -328,6 +331,7 @@ impl From<crate::store::StoreError> for Problem {
             crate::store::StoreError::Busy => {
                 Self::busy(Code::DatabaseBusy, "nothing was changed; the same request may be sent again")
             }
+            crate::store::StoreError::Corrupt { detail, .. } => Code::Corrupt.because(detail),
             error => Self::internal(error),
         }
     }

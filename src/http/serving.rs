@@ -19,6 +19,7 @@ use super::problem::{Code, InputError, Problem};
 use super::query::Page;
 use super::versions;
 use crate::lineage::Model;
+use crate::predictor::PredictError;
 use crate::store::history::HistoryEntry;
 use crate::store::live::{self, MoveRefused, MoveRequest, Moved};
 use crate::store::{WriteTransaction, model};
@@ -101,6 +102,7 @@ async fn make_move(
     headers: &HeaderMap,
     wish: &MoveRequest<'_>,
 ) -> Result<(WriteTransaction, Moved, Answer), Problem> {
+    refuse_corrupt(app, model, direction, wish).await?;
     let mut tx = app.store.begin().await?;
     check_if_match(headers, &model::get(&mut tx, model.model_id).await?)?;
     let now = Timestamp::now();
@@ -120,6 +122,25 @@ async fn make_move(
     }))
     .with_header(&ETAG, etag(&after));
     Ok((tx, moved, answer))
+}
+
+/// Nothing moves to a version that could not be served.
+async fn refuse_corrupt(
+    app: &AppState,
+    model: &Model,
+    direction: Direction,
+    wish: &MoveRequest<'_>,
+) -> Result<(), Problem> {
+    let target = match (wish.version, direction, model.live) {
+        (None, Direction::Rollback, Some(live)) => app.store.parent(model.model_id, live).await?,
+        (named, ..) => named,
+    };
+    let Some(target) = target else { return Ok(()) };
+    match app.predictor.version(model.model_id, Some(target)).await {
+        Err(error @ PredictError::Unusable(_)) => Err(Code::Corrupt.because(error.to_string())),
+        // What else may be wrong with it, the move itself finds.
+        _ => Ok(()),
+    }
 }
 
 fn refusal(model: &Model, refused: MoveRefused) -> Problem {

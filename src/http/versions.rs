@@ -14,7 +14,7 @@ use super::path::{ModelAt, VersionAt, task_id};
 use super::problem::{Code, InputError, Problem};
 use super::query::Page;
 use crate::lineage::{Model, RegimeEvaluation, ServedMeasures, TestMeasures, Version};
-use crate::store::version;
+use crate::store::{StoreError, version};
 
 /// Longest note, in bytes.
 const MAX_NOTE_BYTES: usize = 4096;
@@ -28,7 +28,8 @@ pub(super) struct Note {
     note: Option<String>,
 }
 
-fn body(model: &Model, version: &Version) -> Value {
+fn body(app: &AppState, model: &Model, version: &Version) -> Value {
+    let corrupt = version.corrupt.clone().or_else(|| app.store.corruption(version.model_id, version.version));
     json!({
         "model": model.name,
         "version": version.version,
@@ -49,6 +50,7 @@ fn body(model: &Model, version: &Version) -> Value {
         "scaling": version.scaling,
         "importance": version.importance,
         "promotion": version.promotion,
+        "corrupt": corrupt,
         "note": version.note,
         "created_at": version.created_at.to_string(),
     })
@@ -71,7 +73,7 @@ pub(super) async fn list(
     page: Page,
 ) -> Result<Answer, Problem> {
     let versions = app.store.versions(model.model_id, page.after, page.fetch()).await?;
-    Ok(Answer::ok(&page.body("versions", versions, |version| version.version, |version| body(&model, version))))
+    Ok(Answer::ok(&page.body("versions", versions, |version| version.version, |version| body(&app, &model, version))))
 }
 
 /// `GET /v1/models/{model}/versions/{version}`
@@ -80,7 +82,12 @@ pub(super) async fn read(
     ModelAt(model): ModelAt,
     VersionAt(version): VersionAt,
 ) -> Result<Answer, Problem> {
-    Ok(Answer::ok(&body(&model, &find(&app, &model, version).await?)))
+    let version = find(&app, &model, version).await?;
+    // Its weights are looked at here, and not for every version of a list.
+    match app.store.weights(model.model_id, version.version).await {
+        Ok(_) | Err(StoreError::Corrupt { .. }) => Ok(Answer::ok(&body(&app, &model, &version))),
+        Err(error) => Err(error.into()),
+    }
 }
 
 /// `PATCH /v1/models/{model}/versions/{version}`
@@ -101,7 +108,7 @@ pub(super) async fn annotate(
         return Err(missing(model.name.as_str(), version));
     }
     tx.commit().await.map_err(Problem::internal)?;
-    Ok(Answer::ok(&body(&model, &find(&app, &model, version).await?)))
+    Ok(Answer::ok(&body(&app, &model, &find(&app, &model, version).await?)))
 }
 
 /// `GET /v1/models/{model}/versions/{version}/evaluation`

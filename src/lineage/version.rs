@@ -51,6 +51,8 @@ pub struct Version {
     pub note: Option<String>,
     /// When the task ended.
     pub created_at: Timestamp,
+    /// How what is stored of it differs from what was written, where that is known; none as long as it is good.
+    pub corrupt: Option<String>,
 }
 
 /// Closed-loop measures on test events, pooled over simulated steps.

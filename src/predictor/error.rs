@@ -11,8 +11,8 @@ pub enum PredictError {
     /// The model has no such version.
     #[error("the model has no version {0}")]
     UnknownVersion(i64),
-    /// The version is damaged; it is never served.
-    #[error("version {0} cannot be loaded")]
+    /// The version is corrupt; it is never served.
+    #[error("version {0} is corrupt")]
     Unusable(i64),
     /// A window is not what the version reads.
     #[error("window {window}: {member} holds {found} steps, exactly {horizon} are needed")]

@@ -33,16 +33,18 @@ pub struct Loaded {
 impl Loaded {
     /// Loads a version: its own settings and scaling, and weights whose digest is right.
     pub(super) async fn load(store: &Store, model_id: i64, version: i64) -> Result<Self, PredictError> {
-        let found = store.version(model_id, version).await?.ok_or(PredictError::UnknownVersion(version))?;
         let unusable = |error: &dyn std::fmt::Display| {
             tracing::error!(model_id, version, %error, "a version cannot be loaded");
+            store.note_corrupt(model_id, version, error.to_string());
             PredictError::Unusable(version)
         };
+        let found = store.version(model_id, version).await.map_err(|error| told(error, unusable))?;
+        let found = found.ok_or(PredictError::UnknownVersion(version))?;
+        if let Some(corrupt) = found.corrupt {
+            return Err(unusable(&corrupt));
+        }
         let scaling: Scaling = serde_json::from_value(found.scaling).map_err(|e| unusable(&e))?;
-        let weights = match store.weights(model_id, version).await {
-            Err(error @ StoreError::Malformed { .. }) => return Err(unusable(&error)),
-            read => read?,
-        };
+        let weights = store.weights(model_id, version).await.map_err(|error| told(error, unusable))?;
         if !weights.iter().all(|weight| weight.is_finite()) {
             return Err(unusable(&"a weight is not finite"));
         }
@@ -153,6 +155,14 @@ impl Loaded {
             }
         }
         Ok(())
+    }
+}
+
+/// What cannot be read because it is not what was written is unusable; a database that is busy or gone is another matter.
+fn told(error: StoreError, unusable: impl FnOnce(&dyn std::fmt::Display) -> PredictError) -> PredictError {
+    match error {
+        StoreError::Malformed { .. } | StoreError::Corrupt { .. } | StoreError::Damaged(_) => unusable(&error),
+        error => error.into(),
     }
 }
 

@@ -34,10 +34,22 @@ use recent::Recent;
 
 /// What serves for a model.
 #[derive(Debug, Clone)]
-enum Live {
-    Loaded(Arc<Loaded>),
-    /// The store says it is live, but it cannot be loaded. Never served; the log says why.
-    Unusable(i64),
+struct Live {
+    /// What the store says is live.
+    version: i64,
+    /// What answers: that version; its newest good ancestor when it cannot be loaded; nothing when no ancestor can.
+    loaded: Option<Arc<Loaded>>,
+}
+
+/// A model of which another version answers than the one that is live.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Degraded {
+    /// The model's name.
+    pub model: String,
+    /// What is live and cannot be loaded.
+    pub live: i64,
+    /// What answers in its place; none when nothing does.
+    pub serving: Option<i64>,
 }
 
 /// The models that serve. Swapped as a whole, so that a request reads it without a lock and never sees half a change.
@@ -84,7 +96,7 @@ impl Predictor {
         }
     }
 
-    /// Loads the live version of every model. A version that cannot be loaded is logged and not served.
+    /// Loads the live version of every model, or its newest good ancestor where it cannot be loaded.
     ///
     /// # Errors
     /// When the database cannot be read.
@@ -96,11 +108,24 @@ impl Predictor {
         Ok(())
     }
 
-    /// Whether every live version, if any, is loaded.
+    /// Whether something answers for every model that has a live version.
     #[must_use]
     pub fn ready(&self) -> bool {
-        let loaded = |live: &Live| matches!(live, Live::Loaded(_));
+        let loaded = |live: &Live| live.loaded.is_some();
         self.started.load(Ordering::Acquire) && self.directory.load().live.values().all(loaded)
+    }
+
+    /// Models whose live version does not answer, in order of their names.
+    #[must_use]
+    pub fn degraded(&self) -> Vec<Degraded> {
+        let directory = self.directory.load();
+        let of = |(name, id): (&String, &i64)| {
+            let live = directory.live.get(id)?;
+            let serving = live.loaded.as_ref().map(|loaded| loaded.version());
+            let degraded = || Degraded { model: name.clone(), live: live.version, serving };
+            (serving != Some(live.version)).then(degraded)
+        };
+        directory.ids.iter().filter_map(of).collect()
     }
 
     /// Brings the model's live version in line with the store: to be called after every commit that moved it.
@@ -115,7 +140,7 @@ impl Predictor {
         };
         let served = match model.live {
             None => None,
-            Some(version) => Some(self.load_live(model_id, version).await),
+            Some(version) => Some(Live { version, loaded: self.load_live(model_id, version).await }),
         };
         let mut directory = Directory::clone(&self.directory.load());
         directory.ids.retain(|_, id| *id != model_id);
@@ -133,18 +158,41 @@ impl Predictor {
         self.directory.load().ids.get(name).copied()
     }
 
-    async fn load_live(&self, model_id: i64, version: i64) -> Live {
-        match self.directory.load().live.get(&model_id) {
-            Some(Live::Loaded(loaded)) if loaded.version() == version => return Live::Loaded(Arc::clone(loaded)),
-            _ => {}
-        }
-        match Loaded::load(&self.store, model_id, version).await {
-            Ok(loaded) => Live::Loaded(Arc::new(loaded)),
-            Err(error) => {
-                tracing::error!(model_id, version, %error, "the live version cannot be loaded and is not served");
-                Live::Unusable(version)
+    /// The version, or its newest ancestor that can be loaded. The live pointer stays where people or the policy put it:
+    /// once a backup is restored, that version serves again.
+    async fn load_live(&self, model_id: i64, version: i64) -> Option<Arc<Loaded>> {
+        let before = self.directory.load().live.get(&model_id).and_then(|live| live.loaded.clone());
+        let mut candidate = Some(version);
+        while let Some(at) = candidate {
+            let loaded = match &before {
+                Some(loaded) if loaded.version() == at => Ok(Arc::clone(loaded)),
+                _ => Loaded::load(&self.store, model_id, at).await.map(Arc::new),
+            };
+            match loaded {
+                Ok(loaded) if at == version => return Some(loaded),
+                Ok(loaded) => {
+                    tracing::error!(model_id, live = version, serving = at, "an ancestor of the live version serves");
+                    return Some(loaded);
+                }
+                Err(error) => tracing::error!(model_id, version = at, %error, "a version cannot be loaded"),
             }
+            candidate = match self.store.parent(model_id, at).await {
+                // A corrupt row may name any version; an ancestor is older.
+                Ok(parent) => parent.filter(|&parent| parent < at),
+                Err(error) => {
+                    tracing::error!(model_id, version = at, %error, "a version's parent cannot be read");
+                    None
+                }
+            };
         }
+        tracing::error!(model_id, live = version, "neither the live version nor an ancestor can be served");
+        None
+    }
+
+    /// The version that answers for the model when a request names none; none when nothing does.
+    #[must_use]
+    pub fn answering(&self, model_id: i64) -> Option<i64> {
+        Some(self.directory.load().live.get(&model_id)?.loaded.as_ref()?.version())
     }
 
     /// The version that answers a request: the named one, else the live one.
@@ -155,9 +203,8 @@ impl Predictor {
         let live = self.directory.load().live.get(&model_id).cloned();
         match (version, live) {
             (None, None) => Err(PredictError::NoLiveVersion),
-            (None, Some(Live::Unusable(version))) => Err(PredictError::Unusable(version)),
-            (None, Some(Live::Loaded(loaded))) => Ok(loaded),
-            (Some(named), Some(Live::Loaded(loaded))) if loaded.version() == named => Ok(loaded),
+            (None, Some(Live { version, loaded })) => loaded.ok_or(PredictError::Unusable(version)),
+            (Some(named), Some(Live { loaded: Some(loaded), .. })) if loaded.version() == named => Ok(loaded),
             (Some(named), _) => self.named(model_id, named).await,
         }
     }

@@ -129,14 +129,31 @@ async fn damaged_weights_are_never_served() {
     let (fixture, model_id) = three_versions().await;
     fixture.execute("update weights set weights = zeroblob(length(weights)) where version = 3").await;
     let predictor = predictor(&fixture).await;
-    assert!(!predictor.ready());
-    for version in [None, Some(3)] {
-        assert!(matches!(predictor.version(model_id, version).await, Err(PredictError::Unusable(3))));
-    }
-    promoted(&fixture, model_id, 2).await;
-    predictor.refresh(model_id).await;
-    assert!(predictor.ready());
+    assert!(predictor.ready(), "an ancestor answers");
     assert_eq!(predictor.version(model_id, None).await.unwrap().version(), 2);
+    assert!(matches!(predictor.version(model_id, Some(3)).await, Err(PredictError::Unusable(3))));
+    let degraded = Degraded { model: "m".to_owned(), live: 3, serving: Some(2) };
+    assert_eq!(predictor.degraded(), [degraded]);
+    assert!(fixture.store.corruption(model_id, 3).unwrap().contains("digest"));
+    assert_eq!((fixture.store.corrupt_versions(model_id), fixture.store.corruption(model_id, 2)), (1, None));
+    promoted(&fixture, model_id, 1).await;
+    predictor.refresh(model_id).await;
+    assert_eq!((predictor.degraded(), predictor.answering(model_id)), (vec![], Some(1)));
+}
+
+#[tokio::test]
+async fn the_newest_good_ancestor_answers_and_nothing_does_without_one() {
+    let (fixture, model_id) = three_versions().await;
+    fixture.execute("update weights set weights = x'00' where version = 3").await;
+    fixture.execute("update version set scaling = replace(scaling, '10', '11') where version = 2").await;
+    let one_left = predictor(&fixture).await;
+    assert_eq!((one_left.ready(), one_left.answering(model_id)), (true, Some(1)));
+    assert!(fixture.store.corruption(model_id, 2).unwrap().contains("its row"), "a number of its scaling was changed");
+    fixture.execute("delete from weights where version = 1").await;
+    let none_left = predictor(&fixture).await;
+    assert!(!none_left.ready());
+    assert!(matches!(none_left.version(model_id, None).await, Err(PredictError::Unusable(3))));
+    assert_eq!(none_left.degraded()[0].serving, None);
 }
 
 #[tokio::test]
@@ -263,7 +280,7 @@ async fn the_envelope_bounds_what_is_served_where_the_settings_say_so() {
     let close = live.predict(&[window(10.0, 0.3)]).unwrap().remove(0);
     assert!((-8.0..-4.0).contains(&close.accel_mps2) && close.flags == [Flag::Envelope], "{close:?}");
     assert!(close.raw_accel_mps2.abs() <= 4.0, "the network's own is told beside it");
-    fixture.execute("update version set settings = json_set(settings, '$.envelope', json('false'))").await;
+    fixture.execute("update version set settings = json_set(settings, '$.envelope', json('false')), seal = null").await;
     let unbounded = Loaded::load(&fixture.store, model_id, 3).await.unwrap();
     let free = unbounded.predict(&[window(10.0, 0.3)]).unwrap().remove(0);
     assert_eq!((free.accel_mps2, &free.flags[..]), (close.raw_accel_mps2, &[][..]));

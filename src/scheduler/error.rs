@@ -15,10 +15,20 @@ pub(super) enum JobError {
     Failed(TaskError),
     /// The store failed.
     #[error(transparent)]
-    Store(#[from] StoreError),
+    Store(StoreError),
     /// A bug.
     #[error("panicked: {0}")]
     Panicked(String),
+}
+
+impl From<StoreError> for JobError {
+    fn from(error: StoreError) -> Self {
+        match error {
+            // Nothing is learned from what is not what was written.
+            StoreError::Corrupt { part, detail } => Self::Failed(TaskError { code: part.code().to_owned(), detail }),
+            error => Self::Store(error),
+        }
+    }
 }
 
 impl From<LearnError> for JobError {

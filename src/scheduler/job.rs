@@ -90,7 +90,7 @@ async fn learn(
 ) -> Result<(Learned, Option<StrengthSearch>), JobError> {
     let task_id = stage.task.task_id;
     let checkpoint = match scheduler.0.store.checkpoint(task_id).await {
-        Err(error @ StoreError::Malformed { .. }) => {
+        Err(error @ StoreError::Corrupt { .. }) => {
             tracing::warn!(task_id, %error, "a checkpoint is damaged; the task starts afresh");
             None
         }

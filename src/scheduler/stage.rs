@@ -9,7 +9,7 @@ use crate::car_following::Event;
 use crate::consolidation::{Method, RegimeMemory};
 use crate::driver::Scaling;
 use crate::lineage::{Model, ModelSettings, RegimeName, Split, Task, TaskError, Version};
-use crate::store::{LedgerEvent, LineRegime, Store, StoreError};
+use crate::store::{LedgerEvent, LineRegime, Part, Store, StoreError};
 use crate::training::{ReplayedRegime, StageInput};
 
 /// What a stage starts from.
@@ -55,6 +55,10 @@ impl Known {
     pub(super) async fn load(store: &Store, model_id: i64, version: i64) -> Result<Self, StoreError> {
         let found = store.version(model_id, version).await?;
         let version = found.ok_or_else(|| StoreError::malformed("version", format!("{version} is missing")))?;
+        if let Some(detail) = &version.corrupt {
+            store.note_corrupt(model_id, version.version, detail);
+            return Err(StoreError::corrupt(Part::Version, detail));
+        }
         let scaling = serde_json::from_value(version.scaling.clone());
         Ok(Self {
             scaling: scaling.map_err(|e| StoreError::malformed("scaling", e))?,
@@ -67,7 +71,7 @@ impl Known {
 
 impl Stage {
     pub(super) async fn load(store: &Store, task: Task) -> Result<Self, JobError> {
-        let model = store.model_by_id(task.model_id).await?;
+        let model = store.intact_model(task.model_id).await?;
         let settings = model.settings.for_task(&task.settings).map_err(|e| StoreError::malformed("settings", e))?;
         let number = task.stage.ok_or_else(|| StoreError::malformed("task", "a running task has no stage"))?;
         let parent = match task.parent {

@@ -8,6 +8,8 @@ use super::{Store, StoreError};
 /// A model and its queue.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ModelCensus {
+    /// Its row id.
+    pub model_id: i64,
     /// Its name.
     pub name: String,
     /// The version that serves.
@@ -25,7 +27,7 @@ impl Store {
     /// When the database cannot be read.
     pub async fn model_census(&self) -> Result<Vec<ModelCensus>, StoreError> {
         let rows = query(
-            "select m.name, m.live_version,
+            "select m.model_id, m.name, m.live_version,
                     (select count(*) from task t where t.model_id = m.model_id and t.state in ('queued', 'running')
                          and t.state = 'queued') as queued,
                     (select count(*) from task t where t.model_id = m.model_id and t.state in ('queued', 'running')
@@ -37,6 +39,7 @@ impl Store {
         rows.iter()
             .map(|row| {
                 Ok(ModelCensus {
+                    model_id: row.try_get("model_id")?,
                     name: row.try_get("name")?,
                     live: row.try_get("live_version")?,
                     queued: count(row, "queued")?,

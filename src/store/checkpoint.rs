@@ -4,7 +4,7 @@ use jiff::Timestamp;
 use sqlx::{Row, query};
 
 use super::column::{digest, sha256, stored_time};
-use super::{Store, StoreError};
+use super::{Part, Store, StoreError};
 
 impl Store {
     /// Replaces the task's checkpoint, if the task is still running. A task that gets on is not what ends its process:
@@ -50,7 +50,8 @@ impl Store {
         let Some(row) = row else { return Ok(None) };
         let state: Vec<u8> = row.try_get("state")?;
         if sha256(&[&state]) != digest(&row, "state_sha256")? {
-            return Err(StoreError::malformed("checkpoint", "its digest does not match"));
+            let detail = format!("the checkpoint of task t{task_id} is corrupt: its digest does not match");
+            return Err(StoreError::corrupt(Part::Checkpoint, detail));
         }
         Ok(Some(state))
     }

@@ -2,6 +2,38 @@
 
 use std::path::PathBuf;
 
+/// What is stored with a digest.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Part {
+    /// A model's method and settings.
+    Model,
+    /// A version's row, its evaluation or its weights.
+    Version,
+    /// What consolidation keeps of a regime.
+    Anchor,
+    /// The test events of a regime.
+    Reservoir,
+    /// An event's arrays.
+    Event,
+    /// Where a task goes on.
+    Checkpoint,
+}
+
+impl Part {
+    /// The code a task fails with when it needs this and it is corrupt.
+    #[must_use]
+    pub fn code(self) -> &'static str {
+        match self {
+            Self::Model => "corrupt_model",
+            Self::Version => "corrupt_version",
+            Self::Anchor => "corrupt_anchor",
+            Self::Reservoir => "corrupt_reservoir",
+            Self::Event => "corrupt_event",
+            Self::Checkpoint => "corrupt_checkpoint",
+        }
+    }
+}
+
 /// Why the store could not do as it was told. Conflicts in the words of the service are results, not errors of this kind.
 #[derive(Debug, thiserror::Error)]
 pub enum StoreError {
@@ -27,7 +59,21 @@ pub enum StoreError {
     Busy,
     /// `SQLite` said no.
     #[error("database: {0}")]
-    Sql(#[from] sqlx::Error),
+    Sql(sqlx::Error),
+    /// `SQLite` found a page that cannot be, or no database at all.
+    #[error(
+        "the database file is damaged ({0}); stop the server, let `headway verify` say how far, and put a backup in its \
+         place with `headway restore`"
+    )]
+    Damaged(sqlx::Error),
+    /// Something stored is not what was written: its digest does not match.
+    #[error("{detail}")]
+    Corrupt {
+        /// What.
+        part: Part,
+        /// Which, and what can be done.
+        detail: String,
+    },
     /// A stored value is not what this release writes.
     #[error("database holds a malformed {what}: {detail}")]
     Malformed {
@@ -43,5 +89,19 @@ impl StoreError {
     #[expect(clippy::needless_pass_by_value, reason = "callers hand over an error they are done with")]
     pub(crate) fn malformed(what: &'static str, detail: impl ToString) -> Self {
         Self::Malformed { what, detail: detail.to_string() }
+    }
+
+    /// A stored `part` that is not what was written.
+    pub(crate) fn corrupt(part: Part, detail: impl Into<String>) -> Self {
+        Self::Corrupt { part, detail: detail.into() }
+    }
+}
+
+impl From<sqlx::Error> for StoreError {
+    fn from(error: sqlx::Error) -> Self {
+        // The primary code of SQLITE_CORRUPT and its kin, and of SQLITE_NOTADB.
+        const DAMAGED: [i32; 2] = [11, 26];
+        let code = error.as_database_error().and_then(|error| error.code()?.parse::<i32>().ok());
+        if code.is_some_and(|code| DAMAGED.contains(&(code & 0xff))) { Self::Damaged(error) } else { Self::Sql(error) }
     }
 }

@@ -43,8 +43,9 @@ pub struct Link {
 }
 
 /// Stores events that arrive in `batch_id`, at most [`STORED_AT_ONCE`], and tells where, in their order. Of content that
-/// the model has, or that is among them before, nothing is stored. Content that was retracted waits again, in this batch
-/// and under this batch's regime; of everything else the first copy decides.
+/// the model has, or that is among them before, nothing is stored, unless what is stored is corrupt: then it is mended.
+/// Content that was retracted waits again, in this batch and under this batch's regime; of everything else the first copy
+/// decides.
 ///
 /// # Errors
 /// When the database cannot be written.
@@ -72,7 +73,7 @@ pub async fn store(
     Ok(links)
 }
 
-/// Row ids of the events that are new, or were retracted, by digest; all `false`.
+/// Row ids of the events that are new, or were retracted (`false`), or are mended (`true`), by digest.
 async fn insert(
     transaction: &mut WriteTransaction,
     model_id: i64,
@@ -96,14 +97,22 @@ async fn insert(
         row.push_bind(event.dt_s()).push_bind(i64::try_from(event.steps()).expect("an event's steps are bounded"));
         row.push_bind(event.mean_speed_mps()).push_bind(&arrived_at).push_bind(event.to_bytes());
     });
-    // A conflict with content that still counts updates nothing, and then no row comes back.
+    // A conflict with content that still counts and is whole updates nothing, and then no row comes back.
     insert.push(
-        " on conflict (model_id, content_sha256) do update set state = 'pending', batch_id = excluded.batch_id,
-             regime = excluded.regime, arrived_at = excluded.arrived_at where state = 'retracted'
-         returning event_id, content_sha256",
+        " on conflict (model_id, content_sha256) do update set
+             dt_s = excluded.dt_s, steps = excluded.steps, arrays = excluded.arrays,
+             batch_id = iif(state = 'retracted', excluded.batch_id, batch_id),
+             regime = iif(state = 'retracted', excluded.regime, regime),
+             arrived_at = iif(state = 'retracted', excluded.arrived_at, arrived_at),
+             state = iif(state = 'retracted', 'pending', state)
+         where state = 'retracted' or arrays <> excluded.arrays or dt_s <> excluded.dt_s
+         returning event_id, content_sha256, batch_id",
     );
     let rows = run(insert, arriving.len(), transaction).await?;
-    rows.iter().map(|row| Ok((digest(row, "content_sha256")?, (row.try_get("event_id")?, false)))).collect()
+    // What was mended stays where it was.
+    let linked = |row: &SqliteRow| Ok::<_, StoreError>(row.try_get::<i64, _>("batch_id")? != batch_id);
+    let stored = |row| Ok((digest(row, "content_sha256")?, (row.try_get("event_id")?, linked(row)?)));
+    rows.iter().map(stored).collect()
 }
 
 /// Row ids of the model's events with this content, by digest.

@@ -6,7 +6,8 @@ use sqlx::{Row, query};
 
 use super::column::{digest, stored_ids};
 use super::line::with_line;
-use super::{Store, StoreError};
+use super::version::ROLL_BACK;
+use super::{Part, Store, StoreError, seal};
 use crate::car_following::Event;
 use crate::lineage::{RegimeName, Split};
 
@@ -22,10 +23,20 @@ pub struct LedgerEvent {
 }
 
 fn event_from(row: &SqliteRow) -> Result<LedgerEvent, StoreError> {
-    let event_id = row.try_get("event_id")?;
-    let event = Event::from_bytes(row.try_get("dt_s")?, row.try_get("arrays")?)
-        .ok_or_else(|| StoreError::malformed("event", format!("the arrays of event {event_id}")))?;
-    Ok(LedgerEvent { event_id, sha256: digest(row, "content_sha256")?, event })
+    let (event_id, dt_s, arrays) = (row.try_get("event_id")?, row.try_get("dt_s")?, row.try_get("arrays")?);
+    let sha256 = digest(row, "content_sha256")?;
+    let event = Event::from_bytes(dt_s, arrays).filter(|_| Event::digest_of(dt_s, arrays) == sha256);
+    let Some(event) = event else { return Err(corrupt(row)?) };
+    Ok(LedgerEvent { event_id, sha256, event })
+}
+
+/// Names an event whose arrays are not what was uploaded.
+fn corrupt(row: &SqliteRow) -> Result<StoreError, StoreError> {
+    let (name, batch_id): (&str, i64) = (row.try_get("name")?, row.try_get("batch_id")?);
+    let detail = format!(
+        "event {name} of batch b{batch_id} is corrupt: its digest does not match; an upload of the same content mends it"
+    );
+    Ok(StoreError::corrupt(Part::Event, detail))
 }
 
 /// Row by row: all rows and all events at once would be twice the memory.
@@ -40,7 +51,7 @@ impl Store {
     /// When the database cannot be read.
     pub async fn training_events(&self, task_id: i64) -> Result<Vec<LedgerEvent>, StoreError> {
         let rows = query(
-            "select e.event_id, e.content_sha256, e.dt_s, e.arrays from task_event te join event e using (event_id)
+            "select e.event_id, e.content_sha256, e.dt_s, e.arrays, e.name, e.batch_id from task_event te join event e using (event_id)
              where te.task_id = ? and e.split = 'train' order by e.content_sha256",
         )
         .bind(task_id)
@@ -54,7 +65,7 @@ impl Store {
     /// When the database cannot be read.
     pub async fn validation_events(&self, task_id: i64, limit: u32) -> Result<Vec<LedgerEvent>, StoreError> {
         let rows = query(
-            "select e.event_id, e.content_sha256, e.dt_s, e.arrays from task_event te join event e using (event_id)
+            "select e.event_id, e.content_sha256, e.dt_s, e.arrays, e.name, e.batch_id from task_event te join event e using (event_id)
              where te.task_id = ? and e.split = 'validation' order by e.content_sha256 limit ?",
         )
         .bind(task_id)
@@ -76,7 +87,7 @@ impl Store {
     ) -> Result<Vec<LedgerEvent>, StoreError> {
         let rows = query(with_line!(
             "?2",
-            "select e.event_id, e.content_sha256, e.dt_s, e.arrays from event e
+            "select e.event_id, e.content_sha256, e.dt_s, e.arrays, e.name, e.batch_id from event e
              where e.split = 'train' and e.event_id in (
                  select event_id from task_event where task_id = ?3
                  union
@@ -116,7 +127,7 @@ impl Store {
              ranked as (
                  select *, row_number() over (partition by regime order by content_sha256) as place from learned
              )
-             select r.regime, e.event_id, e.content_sha256, e.dt_s, e.arrays
+             select r.regime, e.event_id, e.content_sha256, e.dt_s, e.arrays, e.name, e.batch_id
              from ranked r join event e using (event_id)
              where r.place <= ?4 order by r.regime, e.content_sha256"
         ))
@@ -151,7 +162,7 @@ impl Store {
     ) -> Result<Vec<LedgerEvent>, StoreError> {
         let rows = query(with_line!(
             "?2",
-            "select e.event_id, e.content_sha256, e.dt_s, e.arrays from event e
+            "select e.event_id, e.content_sha256, e.dt_s, e.arrays, e.name, e.batch_id from event e
              where e.split = 'train' and e.event_id in (
                  select te.event_id from line cross join task t on t.task_id = line.task_id
                  cross join task_event te on te.task_id = t.task_id
@@ -183,7 +194,7 @@ impl Store {
             None => Vec::new(),
         };
         let rows = query(
-            "select event_id, content_sha256, dt_s, arrays from event
+            "select event_id, content_sha256, dt_s, arrays, name, batch_id from event
              where event_id in (
                  select value from json_each(?)
                  union
@@ -206,7 +217,7 @@ impl Store {
     pub async fn reservoir(&self, reservoir_id: i64) -> Result<Vec<LedgerEvent>, StoreError> {
         let ids = self.reservoir_ids(reservoir_id).await?;
         let rows = query(
-            "select event_id, content_sha256, dt_s, arrays from event
+            "select event_id, content_sha256, dt_s, arrays, name, batch_id from event
              where event_id in (select value from json_each(?)) order by content_sha256",
         )
         .bind(stored_ids(&ids))
@@ -215,10 +226,12 @@ impl Store {
     }
 
     async fn reservoir_ids(&self, reservoir_id: i64) -> Result<Vec<i64>, StoreError> {
-        let row = query("select event_ids from reservoir where reservoir_id = ?")
-            .bind(reservoir_id)
-            .fetch_one(&self.readers)
-            .await?;
+        let row =
+            query("select * from reservoir where reservoir_id = ?").bind(reservoir_id).fetch_one(&self.readers).await?;
+        if !seal::RESERVOIR.is_intact(&row)? {
+            let detail = format!("test reservoir {reservoir_id} is corrupt: its digest does not match; {ROLL_BACK}");
+            return Err(StoreError::corrupt(Part::Reservoir, detail));
+        }
         let bytes: &[u8] = row.try_get("event_ids")?;
         let (ids, rest) = bytes.as_chunks::<8>();
         if !rest.is_empty() {

@@ -4,7 +4,8 @@ use sqlx::sqlite::SqliteRow;
 use sqlx::{Row, query};
 
 use super::column::{count, digest, floats, optional_count, sha256, word};
-use super::{Store, StoreError};
+use super::version::ROLL_BACK;
+use super::{Part, Store, StoreError, seal};
 use crate::consolidation::RegimeMemory;
 use crate::lineage::{RegimeEvaluation, ServedMeasures, TestMeasures};
 
@@ -91,6 +92,14 @@ impl Store {
             .bind(version)
             .fetch_all(&self.readers)
             .await?;
+        for row in &rows {
+            if !seal::VERSION_REGIME.is_intact(row)? {
+                let detail =
+                    format!("the evaluation of version {version} is corrupt: its digest does not match; {ROLL_BACK}");
+                self.note_corrupt(model_id, version, &detail);
+                return Err(StoreError::corrupt(Part::Version, detail));
+            }
+        }
         rows.iter().map(regime_from).collect()
     }
 
@@ -117,7 +126,11 @@ impl Store {
         .bind(version)
         .fetch_all(&self.readers)
         .await?;
-        rows.iter().map(memory_from).collect()
+        let memories: Result<_, _> = rows.iter().map(memory_from).collect();
+        if let Err(StoreError::Corrupt { detail, .. }) = &memories {
+            self.note_corrupt(model_id, version, detail);
+        }
+        memories
     }
 }
 
@@ -125,7 +138,8 @@ fn memory_from(row: &SqliteRow) -> Result<RegimeMemory, StoreError> {
     let regime: String = row.try_get("regime")?;
     let (importance, weights): (&[u8], &[u8]) = (row.try_get("importance")?, row.try_get("weights")?);
     if sha256(&[importance, weights]) != digest(row, "anchor_sha256")? {
-        return Err(StoreError::malformed("anchor", format!("the digest of regime {regime} does not match")));
+        let detail = format!("what is kept of regime {regime} is corrupt: its digest does not match; {ROLL_BACK}");
+        return Err(StoreError::corrupt(Part::Anchor, detail));
     }
     Ok(RegimeMemory {
         importance: floats("anchor", importance)?,

@@ -8,6 +8,7 @@ pub mod batch;
 mod census;
 mod checkpoint;
 mod column;
+mod damage;
 mod error;
 /// Events: storing each content once.
 pub mod event;
@@ -30,6 +31,7 @@ mod pointers;
 pub mod rejection;
 /// Retracting a batch that was never learned.
 pub mod retract;
+mod seal;
 /// From waiting events to tasks.
 pub mod selection;
 mod settings;
@@ -45,7 +47,7 @@ use sqlx::sqlite::{SqliteConnectOptions, SqliteJournalMode, SqlitePoolOptions, S
 use sqlx::{Sqlite, SqlitePool, Transaction};
 
 pub use census::ModelCensus;
-pub use error::StoreError;
+pub use error::{Part, StoreError};
 pub use ledger::LedgerEvent;
 pub use line::LineRegime;
 pub use settings::StoreSettings;
@@ -58,6 +60,7 @@ pub type WriteTransaction = Transaction<'static, Sqlite>;
 pub struct Store {
     writer: SqlitePool,
     readers: SqlitePool,
+    damage: damage::Damage,
     /// Held as long as the store lives: one process owns a database.
     _lock: File,
 }
@@ -86,7 +89,11 @@ impl Store {
             .max_connections(settings.readers)
             .connect_with(options.pragma("query_only", "on"))
             .await?;
-        Ok(Self { writer, readers, _lock: lock })
+        let store = Self { writer, readers, damage: damage::Damage::default(), _lock: lock };
+        let mut transaction = store.begin().await?;
+        seal::seal(&mut transaction).await?;
+        transaction.commit().await?;
+        Ok(store)
     }
 
     /// Waits for the writer and begins a write transaction.

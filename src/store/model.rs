@@ -4,7 +4,7 @@ use jiff::Timestamp;
 use sqlx::sqlite::{SqliteConnection, SqliteRow};
 use sqlx::{Row, query};
 
-use super::{Store, StoreError, WriteTransaction};
+use super::{Part, Store, StoreError, WriteTransaction, seal};
 use crate::consolidation::Method;
 use crate::lineage::{Model, ModelName, ModelSettings};
 
@@ -41,6 +41,7 @@ pub async fn create(
     .fetch_optional(&mut **transaction)
     .await?;
     let Some(row) = inserted else { return Ok(None) };
+    seal::seal(transaction).await?;
     Ok(Some(Model {
         model_id: row.try_get(0)?,
         name: name.clone(),
@@ -94,6 +95,19 @@ impl Store {
     /// When the database fails or the model is gone.
     pub async fn model_by_id(&self, model_id: i64) -> Result<Model, StoreError> {
         let row = query(select_model!("where model_id = ?")).bind(model_id).fetch_one(&self.readers).await?;
+        model_from_row(&row)
+    }
+
+    /// The model with this row id, when its settings are what it was created with.
+    ///
+    /// # Errors
+    /// When the database fails, the model is gone or it is corrupt.
+    pub async fn intact_model(&self, model_id: i64) -> Result<Model, StoreError> {
+        let row = query("select * from model where model_id = ?").bind(model_id).fetch_one(&self.readers).await?;
+        if !seal::MODEL.is_intact(&row)? {
+            let detail = "the model's settings are corrupt: their digest does not match; restore a backup";
+            return Err(StoreError::corrupt(Part::Model, detail));
+        }
         model_from_row(&row)
     }
 

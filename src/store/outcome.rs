@@ -7,7 +7,7 @@ use sqlx::{Row, query};
 use super::column::{sha256, stored_floats, stored_time};
 use super::history::{self, Change};
 use super::pointers::{self, Pointers};
-use super::{StoreError, WriteTransaction};
+use super::{StoreError, WriteTransaction, seal};
 use crate::consolidation::{Method, RegimeMemory};
 use crate::lineage::{ModelSettings, Promotion, PromotionDecision, RegimeEvaluation, StrengthSearch, TaskError};
 
@@ -98,6 +98,7 @@ pub async fn succeeded(
     }
     let version = insert_version(transaction, &task, outcome, now).await?;
     insert_regimes(transaction, model_id, version, outcome).await?;
+    seal::seal(transaction).await?;
     query("update task set state = 'succeeded', version = ?, ended_at = ? where task_id = ?")
         .bind(version)
         .bind(stored_time(now))

@@ -6,23 +6,38 @@ use sqlx::sqlite::{SqliteConnection, SqliteRow};
 use sqlx::{Row, query};
 
 use super::column::{count, digest, floats, json, sha256, stored_time, time, word};
-use super::{Store, StoreError, WriteTransaction};
+use super::{Part, Store, StoreError, WriteTransaction, seal};
 use crate::lineage::Version;
 
 /// The columns of [`version_from`], never the weights; the rest of the statement follows.
 macro_rules! select_version {
     ($rest:literal) => {
         concat!(
-            "select v.model_id, v.version, v.task_id, v.parent, v.stage, v.regime, v.method, v.settings, v.strength, ",
+            "select v.model_id, v.version, v.task_id, v.parent, v.stage, v.regime, v.method, v.settings, v.seed, v.strength, ",
             "v.lambda, v.strength_search, v.kernel, v.train_events, v.events_sha256, v.scaling, v.importance, v.weights_sha256, ",
-            "v.promotion, v.created_at, n.note from version v ",
+            "v.promotion, v.created_at, v.seal, n.note from version v ",
             "left join version_note n on n.model_id = v.model_id and n.version = v.version ",
             $rest
         )
     };
 }
 
+/// What can be done about a corrupt version.
+pub(super) const ROLL_BACK: &str = "roll back to a good version, or restore a backup";
+
+/// A corrupt row that can still be read is read, and says so.
 fn version_from(row: &SqliteRow) -> Result<Version, StoreError> {
+    let corrupt = (!seal::VERSION.is_intact(row)?).then(|| {
+        let version: i64 = row.get("version");
+        format!("version {version} is corrupt: the digest of its row does not match; {ROLL_BACK}")
+    });
+    parsed(row, corrupt.clone()).map_err(|error| match corrupt {
+        Some(detail) => StoreError::corrupt(Part::Version, detail),
+        None => error,
+    })
+}
+
+fn parsed(row: &SqliteRow, corrupt: Option<String>) -> Result<Version, StoreError> {
     Ok(Version {
         model_id: row.try_get("model_id")?,
         version: row.try_get("version")?,
@@ -44,6 +59,7 @@ fn version_from(row: &SqliteRow) -> Result<Version, StoreError> {
         promotion: json(row, "promotion")?,
         note: row.try_get("note")?,
         created_at: time(row, "created_at")?,
+        corrupt,
     })
 }
 
@@ -102,9 +118,24 @@ impl Store {
         let row = row.ok_or_else(|| StoreError::malformed("weights", format!("version {version} has none")))?;
         let bytes: &[u8] = row.try_get("weights")?;
         if sha256(&[bytes]) != digest(&row, "weights_sha256")? {
-            return Err(StoreError::malformed("weights", format!("the digest of version {version} does not match")));
+            let detail = format!("version {version} is corrupt: the digest of its weights does not match; {ROLL_BACK}");
+            self.note_corrupt(model_id, version, &detail);
+            return Err(StoreError::corrupt(Part::Version, detail));
         }
         floats("weights", bytes)
+    }
+
+    /// The version's parent; none without one, and of a version that is not there.
+    ///
+    /// # Errors
+    /// When the database cannot be read.
+    pub async fn parent(&self, model_id: i64, version: i64) -> Result<Option<i64>, StoreError> {
+        let row = query("select parent from version where model_id = ? and version = ?")
+            .bind(model_id)
+            .bind(version)
+            .fetch_optional(&self.readers)
+            .await?;
+        Ok(row.map(|row| row.try_get("parent")).transpose()?.flatten())
     }
 }
 

@@ -48,6 +48,7 @@ const WAITING: &str = "sorts regimes that wait";
 const A_LINE: &str = "sorts the events of a line, of which the method learns or samples";
 const A_RESERVOIR: &str = "sorts a test reservoir, which is bounded, and a task's test events";
 const QUEUED: &str = "reads the queue: of tasks that wait or run";
+const UNSEALED: &str = "reads rows that are not sealed yet: those of one transaction";
 
 /// A part of a statement, the beginning of a line of its plan, and why it may be there.
 const ALLOWED: &[(&str, &str, &str)] = &[
@@ -67,6 +68,13 @@ const ALLOWED: &[(&str, &str, &str)] = &[
     ("from task indexed by task_active", "SCAN task USING INDEX task_active", QUEUED),
     ("from task indexed by task_active", "USE TEMP B-TREE", QUEUED),
     ("update task set state = 'queued'", "SCAN task USING INDEX task_active", QUEUED),
+    ("from version indexed by version_unsealed", "SCAN version USING INDEX version_unsealed", UNSEALED),
+    (
+        "from version_regime indexed by version_regime_unsealed",
+        "SCAN version_regime USING INDEX version_regime_unsealed",
+        UNSEALED,
+    ),
+    ("from reservoir indexed by reservoir_unsealed", "SCAN reservoir USING INDEX reservoir_unsealed", UNSEALED),
 ];
 
 /// With single blanks, as it is compared.

@@ -9,6 +9,8 @@ mod support;
 mod batches;
 /// The router and `api/openapi.yaml` say the same.
 mod contract;
+/// Damaged databases.
+mod corruption;
 /// Versions and reference drivers on events that are not kept.
 mod evaluate;
 /// Keys that are sent again.

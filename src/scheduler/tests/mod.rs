@@ -1,5 +1,6 @@
 //! Turned by hand, with a learner that is quick and does as it is told.
 
+mod corruption;
 mod cost;
 mod fake;
 mod lineage;
