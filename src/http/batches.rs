@@ -13,10 +13,12 @@ use sha2::{Digest, Sha256};
 use super::AppState;
 use super::answer::Answer;
 use super::events_body::{ingest_problem, kind, option_problem, take_body};
+use super::gate::Caller;
 use super::idempotency::Repeatable;
 use super::path::{BatchAt, ModelAt, batch_id, task_id};
 use super::problem::{Code, Problem, RequestContext};
 use super::query::{Page, Query};
+use crate::access::Scope;
 use crate::ingest::{Receipt, Received, Upload, UploadOptions, receive};
 use crate::lineage::{Batch, EventCounts, Model};
 use crate::store::retract::{self, Retracted};
@@ -172,8 +174,12 @@ pub(super) async fn retract(
     State(app): State<Arc<AppState>>,
     ModelAt(model): ModelAt,
     BatchAt(batch): BatchAt,
+    caller: Caller,
     Query(query): Query<Retraction>,
 ) -> Result<Answer, Problem> {
+    if query.erase == Some(true) {
+        caller.must(Scope::Admin)?;
+    }
     if query.erase == Some(true) {
         return Err(Code::NotAvailable.because("erasing stored events comes with a later release"));
     }

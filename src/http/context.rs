@@ -16,8 +16,11 @@ use tracing::instrument::Instrumented;
 use tracing::{Instrument, Span};
 
 use super::AppState;
+use super::gate::Need;
+use super::path::model_named;
 use super::predict;
 use super::problem::{Code, Problem, RequestContext};
+use super::route::Needs;
 
 /// Routes that may be called thousands of times a second: unless something is wrong, their log lines are for `debug`.
 const OFTEN: [&str; 2] = [predict::ROUTE, "/v1/models/{model}/simulate"];
@@ -66,18 +69,36 @@ fn is_sane(id: &[u8]) -> bool {
     (1..=128).contains(&id.len()) && id.iter().all(|&b| b.is_ascii_alphanumeric() || b"-_.:".contains(&b))
 }
 
-/// The router's outermost layer: an [`Observation`] around everything it answers.
-pub(super) async fn observe(State(app): State<Arc<AppState>>, mut request: Request, next: Next) -> Response {
+/// What the outermost layer knows.
+#[derive(Debug, Clone)]
+pub(super) struct Around {
+    pub(super) app: Arc<AppState>,
+    pub(super) needs: Arc<Needs>,
+}
+
+/// The router's outermost layer: an [`Observation`] around everything it answers, and the gate before it.
+pub(super) async fn observe(State(around): State<Around>, request: Request, next: Next) -> Response {
+    let Around { app, needs } = &around;
     let matched = request.extensions().get::<MatchedPath>().cloned();
     let route = matched.as_ref().map_or("unmatched", MatchedPath::as_str);
     let path = request.uri().path().to_owned();
-    let observation = Observation::begin(&app, route, request.method(), &path, request.headers());
-    request.extensions_mut().insert(observation.context());
-    let answer = match acceptable(request.headers(), route) {
-        Ok(()) => observation.within(next.run(request)).await,
+    let observation = Observation::begin(app, route, request.method(), &path, request.headers());
+    let need = needs.of(route, request.method());
+    let (mut parts, body) = request.into_parts();
+    parts.extensions.insert(observation.context());
+    let answer = match enter(app, need, route, &mut parts).await {
+        Ok(()) => observation.within(next.run(Request::from_parts(parts, body))).await,
         Err(problem) => problem.into_response(),
     };
     observation.end(answer)
+}
+
+/// Lets a request in to its handler, which is told who sent it.
+async fn enter(app: &AppState, need: Need, route: &str, parts: &mut Parts) -> Result<(), Problem> {
+    let model = if route.contains("{model}") { Some(model_named(parts).await) } else { None };
+    let caller = app.gate.admit(&parts.headers, need, model.as_deref())?;
+    parts.extensions.insert(caller);
+    acceptable(&parts.headers, route)
 }
 
 /// What is to be told of a request once it is answered. Makes nothing that only a log line or a problem would need before it

@@ -8,6 +8,7 @@ use axum::http::request::Parts;
 
 use super::AppState;
 use super::answer::Answer;
+use super::gate::Caller;
 use super::problem::{Code, Problem};
 use crate::store::WriteTransaction;
 use crate::store::idempotency::{self, Recollection, RequestIdentity};
@@ -17,13 +18,21 @@ pub(super) const MAX_KEY_BYTES: usize = 255;
 
 /// Requests with a key that are being answered.
 #[derive(Debug, Default)]
-pub struct InFlight(Mutex<HashSet<(String, String)>>);
+pub struct InFlight(Mutex<HashSet<Claim>>);
+
+/// A key, whose it is, and what it was sent to: the same key is another one to somebody else.
+#[derive(Debug, Clone, PartialEq, Eq, Hash)]
+struct Claim {
+    key: String,
+    caller: String,
+    route: String,
+}
 
 /// A request that may carry a key. Holding it keeps a second request with the same key out.
 #[derive(Debug)]
 pub(super) struct Repeatable {
     app: Arc<AppState>,
-    claim: Option<(String, String)>,
+    claim: Option<Claim>,
 }
 
 impl FromRequestParts<Arc<AppState>> for Repeatable {
@@ -37,7 +46,9 @@ impl FromRequestParts<Arc<AppState>> for Repeatable {
             Code::MalformedHeader
                 .because(format!("Idempotency-Key takes 1 to {MAX_KEY_BYTES} visible ASCII characters"))
         })?;
-        let claim = (key.to_owned(), format!("{} {}", parts.method, parts.uri.path()));
+        let key = key.to_owned();
+        let caller = Caller::from_request_parts(parts, app).await?.name();
+        let claim = Claim { key, caller, route: format!("{} {}", parts.method, parts.uri.path()) };
         if !app.in_flight.0.lock().unwrap_or_else(PoisonError::into_inner).insert(claim.clone()) {
             return Err(Problem::busy(Code::IdempotencyInFlight, "wait for its answer, then repeat the request"));
         }
@@ -77,8 +88,8 @@ impl Repeatable {
     }
 
     fn identity(&self, request_sha256: [u8; 32]) -> Option<RequestIdentity> {
-        let (key, route) = self.claim.clone()?;
-        Some(RequestIdentity { key, route, request_sha256 })
+        let Claim { key, caller, route } = self.claim.clone()?;
+        Some(RequestIdentity { key, caller, route, request_sha256 })
     }
 }
 

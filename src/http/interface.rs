@@ -58,6 +58,7 @@ impl Interface {
         let Parts { method, uri, headers, .. } = parts;
         let observation = Observation::begin(&self.app, predict::ROUTE, method, uri.path(), headers);
         let answering = async {
+            self.app.gate.pass(headers, predict::NEED, Some(model))?;
             acceptable(headers, predict::ROUTE)?;
             let model = ServedAt::find(&self.app, model.to_owned()).await?;
             let Json(wish) = Json::from_body(headers, body, &self.app).await?;

@@ -18,12 +18,16 @@ mod etag;
 mod evaluate;
 /// Bodies of events.
 mod events_body;
+/// Who is let in.
+mod gate;
 /// `/healthz`, `/readyz`, `/metrics`.
 mod health;
 /// `Idempotency-Key`.
 mod idempotency;
 /// What answers a connection's requests.
 mod interface;
+/// `/v1/keys`.
+mod keys;
 /// `/v1/models` and what holds a model's training.
 mod models;
 /// Arrays of numbers.
@@ -40,6 +44,8 @@ mod problem;
 mod progress;
 /// Query parameters and paging.
 mod query;
+/// A route and what it needs.
+mod route;
 /// Promote, rollback, history.
 mod serving;
 mod settings;
@@ -58,17 +64,19 @@ use axum::extract::DefaultBodyLimit;
 use axum::http::{Method, Uri};
 use axum::middleware::from_fn_with_state;
 use axum::response::IntoResponse;
-use axum::routing::{MethodRouter, get, post};
 use tokio::sync::{Semaphore, watch};
 use tower_http::catch_panic::CatchPanicLayer;
 
 pub use context::RequestIds;
 pub use evaluate::Evaluator;
+pub use gate::{Gate, Need};
 pub use idempotency::InFlight;
 pub use interface::Interface;
+pub use keys::body as key_body;
 pub use problem::Code;
 pub use settings::ServerSettings;
 
+use crate::access::{AccessSettings, Scope};
 use crate::ingest::IngestSettings;
 use crate::lineage::ModelSettings;
 use crate::predictor::Predictor;
@@ -76,12 +84,17 @@ use crate::scheduler::Scheduler;
 use crate::store::Store;
 use crate::telemetry::Metrics;
 use problem::Problem;
+use route::{Route, at};
 
 /// What every handler may use.
 #[derive(Debug)]
 pub struct AppState {
     /// The database.
     pub store: Arc<Store>,
+    /// Who is let in.
+    pub gate: Gate,
+    /// Limits of keys.
+    pub access: AccessSettings,
     /// What runs, and how far it is.
     pub scheduler: Scheduler,
     /// Loaded versions.
@@ -112,35 +125,38 @@ pub struct AppState {
     pub request_ids: RequestIds,
 }
 
-type Route = (&'static str, MethodRouter<Arc<AppState>>);
-
-/// Every route, on one page. `api/openapi.yaml` has the same list; a test holds them together.
+/// Every route, on one page, and what each needs of who calls it: whoever has a key may read what concerns its models.
+/// `api/openapi.yaml` has the same list; a test holds them together.
 fn routes() -> Vec<Route> {
+    use Need::{AnyKey, EveryModel, May, Nothing};
+    use Scope::{Admin, Ingest, Predict, Train};
     vec![
-        ("/healthz", get(health::live)),
-        ("/readyz", get(health::ready)),
-        ("/metrics", get(health::metrics)),
-        ("/v1/models", get(models::list).post(models::create)),
-        ("/v1/models/{model}", get(models::read)),
-        ("/v1/models/{model}/pause", post(models::pause)),
-        ("/v1/models/{model}/resume", post(models::resume)),
-        ("/v1/models/{model}/batches", get(batches::list).post(batches::upload)),
-        ("/v1/models/{model}/batches/{batch_id}", get(batches::read).delete(batches::retract)),
-        ("/v1/models/{model}/batches/{batch_id}/rejections", get(batches::rejections)),
-        ("/v1/models/{model}/tasks", get(tasks::list).post(tasks::create)),
-        ("/v1/models/{model}/tasks/{task_id}", get(tasks::read)),
-        ("/v1/models/{model}/tasks/{task_id}/cancel", post(tasks::cancel)),
-        ("/v1/models/{model}/tasks/{task_id}/progress", get(progress::watch)),
-        ("/v1/models/{model}/versions", get(versions::list).post(absent::import)),
-        ("/v1/models/{model}/versions/{version}", get(versions::read).patch(versions::annotate)),
-        ("/v1/models/{model}/versions/{version}/evaluation", get(versions::evaluation)),
-        ("/v1/models/{model}/versions/{version}/artifact", get(absent::artifact)),
-        ("/v1/models/{model}/evaluate", post(evaluate::evaluate)),
-        ("/v1/models/{model}/promote", post(serving::promote)),
-        ("/v1/models/{model}/rollback", post(serving::rollback)),
-        ("/v1/models/{model}/history", get(serving::history)),
-        (predict::ROUTE, post(predict::predict)),
-        ("/v1/models/{model}/simulate", post(predict::simulate)),
+        at("/healthz").get(Nothing, health::live),
+        at("/readyz").get(Nothing, health::ready),
+        at("/metrics").get(EveryModel, health::metrics),
+        at("/v1/keys").get(May(Admin), keys::list).post(May(Admin), keys::create),
+        at("/v1/keys/{key_id}").get(May(Admin), keys::read).delete(May(Admin), keys::revoke),
+        at("/v1/models").get(AnyKey, models::list).post(May(Train), models::create),
+        at("/v1/models/{model}").get(AnyKey, models::read),
+        at("/v1/models/{model}/pause").post(May(Train), models::pause),
+        at("/v1/models/{model}/resume").post(May(Train), models::resume),
+        at("/v1/models/{model}/batches").get(AnyKey, batches::list).post(May(Ingest), batches::upload),
+        at("/v1/models/{model}/batches/{batch_id}").get(AnyKey, batches::read).delete(May(Train), batches::retract),
+        at("/v1/models/{model}/batches/{batch_id}/rejections").get(AnyKey, batches::rejections),
+        at("/v1/models/{model}/tasks").get(AnyKey, tasks::list).post(May(Train), tasks::create),
+        at("/v1/models/{model}/tasks/{task_id}").get(AnyKey, tasks::read),
+        at("/v1/models/{model}/tasks/{task_id}/cancel").post(May(Train), tasks::cancel),
+        at("/v1/models/{model}/tasks/{task_id}/progress").get(AnyKey, progress::watch),
+        at("/v1/models/{model}/versions").get(AnyKey, versions::list).post(May(Train), absent::import),
+        at("/v1/models/{model}/versions/{version}").get(AnyKey, versions::read).patch(May(Train), versions::annotate),
+        at("/v1/models/{model}/versions/{version}/evaluation").get(AnyKey, versions::evaluation),
+        at("/v1/models/{model}/versions/{version}/artifact").get(AnyKey, absent::artifact),
+        at("/v1/models/{model}/evaluate").post(May(Predict), evaluate::evaluate),
+        at("/v1/models/{model}/promote").post(May(Train), serving::promote),
+        at("/v1/models/{model}/rollback").post(May(Train), serving::rollback),
+        at("/v1/models/{model}/history").get(AnyKey, serving::history),
+        at(predict::ROUTE).post(predict::NEED, predict::predict),
+        at("/v1/models/{model}/simulate").post(May(Predict), predict::simulate),
     ]
 }
 
@@ -150,20 +166,23 @@ async fn stopped(stopping: &mut watch::Receiver<bool>) {
     let _ = stopping.wait_for(|&stop| stop).await;
 }
 
-/// The paths of all routes, as `api/openapi.yaml` writes them.
+/// Path, method and need of every route, as `api/openapi.yaml` writes them.
 #[must_use]
-pub fn paths() -> Vec<&'static str> {
-    routes().into_iter().map(|(path, _)| path).collect()
+pub fn needs() -> Vec<(&'static str, Method, Need)> {
+    let told =
+        |route: &Route| route.needs().map(|(path, method, need)| (path, method.clone(), need)).collect::<Vec<_>>();
+    routes().iter().flat_map(told).collect()
 }
 
 /// Every route and what is around all of them.
 fn router(app: Arc<AppState>) -> Router {
-    let router = routes().into_iter().fold(Router::new(), |router, (path, methods)| router.route(path, methods));
+    let (router, needs) = route::router(routes());
+    let around = context::Around { app: Arc::clone(&app), needs: Arc::new(needs) };
     router
         .fallback(async |uri: Uri| Code::NotFound.because(format!("{} is not a path of this server", uri.path())))
         .method_not_allowed_fallback(async |method: Method| Code::MethodNotAllowed.because(format!("{method} is none")))
         .layer(CatchPanicLayer::custom(|payload: Box<dyn Any + Send>| panicked(&*payload).into_response()))
-        .layer(from_fn_with_state(Arc::clone(&app), context::observe))
+        .layer(from_fn_with_state(around, context::observe))
         // Bodies are bounded where they are read: JSON and uploads have limits of their own.
         .layer(DefaultBodyLimit::disable())
         .with_state(app)

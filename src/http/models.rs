@@ -12,6 +12,7 @@ use super::AppState;
 use super::answer::Answer;
 use super::body::JsonBody;
 use super::etag::etag;
+use super::gate::Caller;
 use super::idempotency::Repeatable;
 use super::object::Object;
 use super::path::ModelAt;
@@ -83,8 +84,8 @@ pub(super) async fn create(
 }
 
 /// `GET /v1/models`
-pub(super) async fn list(State(app): State<Arc<AppState>>, page: Page) -> Result<Answer, Problem> {
-    let models = app.store.models(page.after, page.fetch()).await?;
+pub(super) async fn list(State(app): State<Arc<AppState>>, caller: Caller, page: Page) -> Result<Answer, Problem> {
+    let models = app.store.models_among(caller.models(), page.after, page.fetch()).await?;
     Ok(Answer::ok(&page.body("models", models, |model| model.model_id, body)))
 }
 

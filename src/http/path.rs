@@ -7,11 +7,16 @@ use axum::http::request::Parts;
 
 use super::AppState;
 use super::problem::{Code, Problem};
+use crate::access::KeyId;
 use crate::lineage::{Model, ModelName};
 
 /// The model a path names.
 #[derive(Debug)]
 pub(super) struct ModelAt(pub Model);
+
+/// The key id a path names: sixteen hexadecimal digits.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct KeyAt(pub KeyId);
 
 /// The batch id a path names: `b12`.
 #[derive(Debug, Clone, Copy)]
@@ -73,6 +78,15 @@ impl ServedAt {
     }
 }
 
+impl FromRequestParts<Arc<AppState>> for KeyAt {
+    type Rejection = Problem;
+
+    async fn from_request_parts(parts: &mut Parts, _: &Arc<AppState>) -> Result<Self, Problem> {
+        let text = parameter(parts, "key_id").await?;
+        KeyId::parse(&text).map(Self).ok_or_else(|| Code::KeyNotFound.because(format!("{text:?} is none")))
+    }
+}
+
 macro_rules! id_at {
     ($type:ident, $parameter:literal, $letter:literal, $code:ident) => {
         impl FromRequestParts<Arc<AppState>> for $type {
@@ -89,6 +103,11 @@ macro_rules! id_at {
 id_at!(BatchAt, "batch_id", "b", BatchNotFound);
 id_at!(TaskAt, "task_id", "t", TaskNotFound);
 id_at!(VersionAt, "version", "", VersionNotFound);
+
+/// The name of a model in a path, as its handler will read it; what it cannot read names none.
+pub(super) async fn model_named(parts: &mut Parts) -> String {
+    parameter(parts, "model").await.unwrap_or_default()
+}
 
 async fn parameter(parts: &mut Parts, name: &str) -> Result<String, Problem> {
     let parameters = RawPathParams::from_request_parts(parts, &())

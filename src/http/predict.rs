@@ -10,16 +10,20 @@ use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 use super::AppState;
 use super::answer::ok_json;
 use super::body::Json;
+use super::gate::Need;
 use super::numbers::{GREATEST, Numbers};
 use super::object::Object;
 use super::path::ServedAt;
 use super::problem::{Code, InputError, Problem};
 use super::versions;
+use crate::access::Scope;
 use crate::driver::Window;
 use crate::predictor::{PredictError, Prediction, Simulated};
 
 /// Where predictions are asked.
 pub(super) const ROUTE: &str = "/v1/models/{model}/predict";
+/// Who may ask for them, by whichever way.
+pub(super) const NEED: Need = Need::May(Scope::Predict);
 
 /// A window as clients send it.
 #[derive(Debug, Deserialize)]

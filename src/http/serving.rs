@@ -13,6 +13,7 @@ use super::AppState;
 use super::answer::Answer;
 use super::body::JsonBody;
 use super::etag::{check_if_match, etag};
+use super::gate::Caller;
 use super::idempotency::Repeatable;
 use super::path::{ModelAt, task_id};
 use super::problem::{Code, InputError, Problem};
@@ -56,6 +57,7 @@ enum Direction {
 pub(super) async fn promote(
     State(app): State<Arc<AppState>>,
     ModelAt(model): ModelAt,
+    caller: Caller,
     headers: HeaderMap,
     request: Repeatable,
     JsonBody { value, request_sha256 }: JsonBody<Promotion>,
@@ -63,7 +65,8 @@ pub(super) async fn promote(
     if let Some(answer) = request.recall(request_sha256).await? {
         return Ok(answer);
     }
-    let wish = wish(Some(value.version), &value.reason)?;
+    let actor = caller.name();
+    let wish = wish(Some(value.version), &value.reason, &actor)?;
     let (tx, moved, answer) = make_move(&app, Direction::Promote, &model, &headers, &wish).await?;
     finish(&app, &model, tx, &request, request_sha256, &moved, &answer).await?;
     Ok(answer)
@@ -73,6 +76,7 @@ pub(super) async fn promote(
 pub(super) async fn rollback(
     State(app): State<Arc<AppState>>,
     ModelAt(model): ModelAt,
+    caller: Caller,
     headers: HeaderMap,
     request: Repeatable,
     JsonBody { value, request_sha256 }: JsonBody<Rollback>,
@@ -80,19 +84,20 @@ pub(super) async fn rollback(
     if let Some(answer) = request.recall(request_sha256).await? {
         return Ok(answer);
     }
-    let wish = wish(value.version, &value.reason)?;
+    let actor = caller.name();
+    let wish = wish(value.version, &value.reason, &actor)?;
     let (tx, moved, answer) = make_move(&app, Direction::Rollback, &model, &headers, &wish).await?;
     finish(&app, &model, tx, &request, request_sha256, &moved, &answer).await?;
     Ok(answer)
 }
 
-fn wish(version: Option<i64>, reason: &str) -> Result<MoveRequest<'_>, Problem> {
+fn wish<'a>(version: Option<i64>, reason: &'a str, actor: &'a str) -> Result<MoveRequest<'a>, Problem> {
     if !(1..=MAX_REASON_BYTES).contains(&reason.len()) {
         let detail = format!("1 to {MAX_REASON_BYTES} bytes");
         let error = InputError::at("/reason", "out_of_range", detail);
         return Err(Code::InvalidBody.because("a reason is needed for the history").with_error(error));
     }
-    Ok(MoveRequest { version, reason, actor: "anonymous" })
+    Ok(MoveRequest { version, reason, actor })
 }
 
 async fn make_move(

@@ -46,21 +46,6 @@ pub struct ServerSettings {
 }
 
 impl ServerSettings {
-    /// Checks what neither types nor ranges can.
-    ///
-    /// # Errors
-    /// Names the first setting that cannot be used.
-    pub fn check(&self) -> Result<(), String> {
-        if !self.listen.ip().is_loopback() {
-            return Err(format!(
-                "server.listen: {} is not loopback, and without keys (this release has none) anybody who reaches it could \
-                 use it; put a proxy that knows its clients in front",
-                self.listen
-            ));
-        }
-        Ok(())
-    }
-
     /// Every number, and the range it must lie in.
     #[must_use]
     pub fn numbers(&self) -> [(&'static str, f64, RangeInclusive<f64>); 16] {

@@ -10,6 +10,8 @@ use super::{Store, StoreError, WriteTransaction};
 pub struct RequestIdentity {
     /// The client's key.
     pub key: String,
+    /// Who asks: nobody is given what somebody else was answered.
+    pub caller: String,
     /// Method and path.
     pub route: String,
     /// SHA-256 over query, content type and body.
@@ -46,9 +48,10 @@ impl Store {
     pub async fn recall(&self, identity: &RequestIdentity, keep_s: u32) -> Result<Recollection, StoreError> {
         let row = query(
             "select request_sha256, status, headers, body from idempotency \
-             where idempotency_key = ? and route = ? and created_at >= ?",
+             where idempotency_key = ? and caller = ? and route = ? and created_at >= ?",
         )
         .bind(&identity.key)
+        .bind(&identity.caller)
         .bind(&identity.route)
         .bind(oldest_kept(keep_s))
         .fetch_optional(&self.readers)
@@ -78,10 +81,11 @@ pub async fn keep(
 ) -> Result<(), StoreError> {
     query("delete from idempotency where created_at < ?").bind(oldest_kept(keep_s)).execute(&mut **transaction).await?;
     query(
-        "insert into idempotency (idempotency_key, route, request_sha256, status, headers, body, created_at) \
-         values (?, ?, ?, ?, ?, ?, ?)",
+        "insert into idempotency (idempotency_key, caller, route, request_sha256, status, headers, body, created_at) \
+         values (?, ?, ?, ?, ?, ?, ?, ?)",
     )
     .bind(&identity.key)
+    .bind(&identity.caller)
     .bind(&identity.route)
     .bind(identity.request_sha256.as_slice())
     .bind(answer.status)
@@ -115,8 +119,12 @@ mod tests {
         })
         .await
         .unwrap();
-        let identity =
-            RequestIdentity { key: "k".to_owned(), route: "POST /v1/models".to_owned(), request_sha256: [1; 32] };
+        let identity = RequestIdentity {
+            key: "k".to_owned(),
+            caller: "local".to_owned(),
+            route: "POST /v1/models".to_owned(),
+            request_sha256: [1; 32],
+        };
         let answer = StoredAnswer {
             status: 201,
             headers: vec![("location".to_owned(), "/v1/models/a".to_owned())],
@@ -131,6 +139,8 @@ mod tests {
         assert_eq!(store.recall(&other, 60).await.unwrap(), Recollection::OtherRequest);
         let elsewhere = RequestIdentity { route: "POST /v1/other".to_owned(), ..identity.clone() };
         assert_eq!(store.recall(&elsewhere, 60).await.unwrap(), Recollection::New);
+        let somebody = RequestIdentity { caller: "somebody".to_owned(), ..identity.clone() };
+        assert_eq!(store.recall(&somebody, 60).await.unwrap(), Recollection::New);
         assert_eq!(store.recall(&identity, 0).await.unwrap(), Recollection::New);
     }
 }

@@ -18,6 +18,8 @@ pub(crate) mod fixture;
 pub mod history;
 /// Answers that are given again.
 pub mod idempotency;
+/// Keys: making, listing, revoking.
+pub mod keys;
 mod ledger;
 mod line;
 /// Promote and rollback.

@@ -125,9 +125,25 @@ impl Store {
     /// # Errors
     /// When the database fails.
     pub async fn models(&self, after: i64, limit: u32) -> Result<Vec<Model>, StoreError> {
-        let rows = query(select_model!("where model_id > ? order by model_id limit ?"))
+        self.models_among(None, after, limit).await
+    }
+
+    /// As [`Self::models`], of those that are named; none: of all.
+    ///
+    /// # Errors
+    /// When the database fails.
+    pub async fn models_among(
+        &self,
+        names: Option<&[ModelName]>,
+        after: i64,
+        limit: u32,
+    ) -> Result<Vec<Model>, StoreError> {
+        let rows = query(select_model!(
+            "where model_id > ?1 and (?3 is null or name in (select value from json_each(?3))) order by model_id limit ?2"
+        ))
             .bind(after)
             .bind(limit)
+            .bind(names.map(|names| serde_json::to_string(names).expect("names")))
             .fetch_all(&self.readers)
             .await?;
         rows.iter().map(model_from_row).collect()

@@ -14,8 +14,9 @@ pub(crate) async fn lead() -> TempDir {
     learn(&server).await;
     move_about(&server).await;
     stop_and_cancel(&server).await;
-    let server = server.restart().await;
+    let mut server = server.restart().await;
     list(&server).await;
+    manage_keys(&mut server).await;
     server.stop().await
 }
 
@@ -116,4 +117,14 @@ async fn list(server: &Server) {
     }
     server.get("/metrics").await.expect(200);
     server.get("/readyz").await.expect(200);
+}
+
+/// Keys, made, read and revoked; and a list for one that is limited.
+async fn manage_keys(server: &mut Server) {
+    server.close_gate().await;
+    let key = server.make_key(&json!({"scopes": ["ingest"], "models": ["ewc"]})).await;
+    server.get("/v1/keys").await.expect(200);
+    let path = format!("/v1/keys/{}", &key[3..19]);
+    server.get(&path).await.expect(200);
+    server.send(server.request(Method::DELETE, &path)).await.expect(200);
 }

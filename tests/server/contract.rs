@@ -1,14 +1,31 @@
 use std::collections::BTreeSet;
 
-use headway::http::Code;
+use headway::http::{Code, Need};
+use serde_json::json;
 
 use crate::support::contract;
 use crate::support::server::Server;
 
 #[test]
-fn the_router_and_the_contract_have_the_same_paths() {
-    let routed: BTreeSet<_> = headway::http::paths().into_iter().collect();
-    let written: BTreeSet<_> = contract::document()["paths"].as_object().unwrap().keys().map(String::as_str).collect();
+fn the_router_and_the_contract_need_the_same_scopes() {
+    let routed: BTreeSet<_> = headway::http::needs()
+        .into_iter()
+        .map(|(path, method, need)| {
+            let scopes = match need {
+                Need::Nothing => json!([]),
+                Need::AnyKey | Need::EveryModel => json!([{"key": []}]),
+                Need::May(scope) => json!([{"key": [scope]}]),
+            };
+            format!("{method} {path} {scopes}")
+        })
+        .collect();
+    let written: BTreeSet<_> = contract::operations()
+        .into_iter()
+        .map(|(path, method, operation)| {
+            let security = operation.get("security").unwrap_or(&contract::document()["security"]);
+            format!("{method} {path} {security}")
+        })
+        .collect();
     assert_eq!(routed, written);
 }
 
@@ -20,7 +37,8 @@ async fn every_method_of_the_contract_is_routed_and_no_other() {
             .replace("{model}", "absent")
             .replace("{batch_id}", "b1")
             .replace("{task_id}", "t1")
-            .replace("{version}", "1");
+            .replace("{version}", "1")
+            .replace("{key_id}", "0123456789abcdef");
         for method in ["GET", "POST", "PUT", "PATCH", "DELETE"] {
             let request = server.request(method.parse().unwrap(), &path).header("accept", "*/*");
             let answer = server.send(request).await;

@@ -5,6 +5,8 @@
 #[path = "../support/mod.rs"]
 mod support;
 
+/// What is asked with which key.
+mod access;
 /// Retracting, listing, reading batches.
 mod batches;
 /// The router and `api/openapi.yaml` say the same.
@@ -15,6 +17,8 @@ mod corruption;
 mod evaluate;
 /// Keys that are sent again.
 mod idempotency;
+/// Keys: making, listing, revoking.
+mod keys;
 /// Many requests at once.
 mod load;
 /// Models: create, read, pause.

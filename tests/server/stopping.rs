@@ -129,7 +129,6 @@ fn the_command_line_explains_and_refuses() {
     let manual = run(&["--print-settings"]);
     assert_eq!(String::from_utf8(manual.stdout).unwrap(), headway::config::DEFAULTS);
     for (arguments, why) in [
-        (vec!["--listen", "0.0.0.0:0"], "not loopback"),
         (vec!["--set", "server.colour=red"], "there is no setting server.colour"),
         (vec!["--config", "absent.toml"], "absent.toml"),
     ] {

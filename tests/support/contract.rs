@@ -18,6 +18,17 @@ pub(crate) fn document() -> &'static Value {
     &DOCUMENT
 }
 
+/// Path, method and description of every operation.
+pub(crate) fn operations() -> Vec<(&'static str, String, &'static Value)> {
+    let paths = DOCUMENT["paths"].as_object().expect("paths").iter();
+    paths
+        .flat_map(|(path, item)| {
+            let methods = item.as_object().expect("methods").iter().filter(|(name, _)| *name != "parameters");
+            methods.map(move |(method, operation)| (path.as_str(), method.to_uppercase(), operation))
+        })
+        .collect()
+}
+
 /// Panics unless the contract has this path, method, status and content type, and the body fits the schema.
 pub(crate) fn check(method: &str, path: &str, status: u16, content_type: &str, body: &str) {
     let told = || format!("{method} {path} answered {status} {content_type}: {body}");

@@ -4,7 +4,7 @@ use std::net::SocketAddr;
 use std::path::Path;
 
 use headway::config::{Config, Layer};
-use reqwest::header::{CONTENT_TYPE, HeaderMap};
+use reqwest::header::{AUTHORIZATION, CONTENT_TYPE, HeaderMap, HeaderValue};
 use reqwest::{Method, RequestBuilder};
 use serde_json::Value;
 use tempfile::TempDir;
@@ -38,6 +38,8 @@ pub(crate) struct Server {
     stop: Option<oneshot::Sender<()>>,
     serving: JoinHandle<anyhow::Result<()>>,
     settings: String,
+    /// Sent with every request that does not bring its own.
+    pub key: Option<String>,
     pub directory: TempDir,
 }
 
@@ -90,7 +92,8 @@ impl Server {
         Self::start_in(tempfile::tempdir().unwrap(), settings).await
     }
 
-    async fn start_in(directory: TempDir, settings: &str) -> Self {
+    /// A server with further settings on what `directory` holds.
+    pub(crate) async fn start_in(directory: TempDir, settings: &str) -> Self {
         let config = config(directory.path(), settings);
         let _ = headway::telemetry::start_logging(&config.log);
         let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
@@ -114,6 +117,7 @@ impl Server {
             stop: Some(stop),
             serving,
             settings: settings.to_owned(),
+            key: None,
             directory,
         }
     }
@@ -134,8 +138,18 @@ impl Server {
 
     /// Stops and starts again on the same database.
     pub(crate) async fn restart(self) -> Self {
-        let settings = self.settings.clone();
-        Self::start_in(self.stop().await, &settings).await
+        let (settings, key) = (self.settings.clone(), self.key.clone());
+        Self { key, ..Self::start_in(self.stop().await, &settings).await }
+    }
+
+    /// Makes a key, and gives it whole.
+    pub(crate) async fn make_key(&self, wish: &Value) -> String {
+        self.post("/v1/keys", wish).await.expect(201)["key"].as_str().unwrap().to_owned()
+    }
+
+    /// Makes the first key, an admin's, which is sent from then on.
+    pub(crate) async fn close_gate(&mut self) {
+        self.key = Some(self.make_key(&serde_json::json!({"scopes": ["admin"]})).await);
     }
 
     pub(crate) fn request(&self, method: Method, path: &str) -> RequestBuilder {
@@ -156,7 +170,11 @@ impl Server {
 
     /// Sends a request and holds the answer to the contract.
     pub(crate) async fn send(&self, request: RequestBuilder) -> Answer {
-        let request = request.build().unwrap();
+        let mut request = request.build().unwrap();
+        if let Some(key) = &self.key {
+            let bearer = HeaderValue::from_str(&format!("Bearer {key}")).unwrap();
+            request.headers_mut().entry(AUTHORIZATION).or_insert(bearer);
+        }
         let (method, path) = (request.method().to_string(), request.url().path().to_owned());
         let response = self.client.execute(request).await.unwrap();
         let (status, headers) = (response.status().as_u16(), response.headers().clone());

@@ -1,0 +1,118 @@
+//! Every key, in memory, so that a request is let in without the database.
+
+use std::collections::HashMap;
+use std::sync::Arc;
+
+use jiff::Timestamp;
+use subtle::ConstantTimeEq;
+
+use super::{Key, KeyId, KeyState, Token};
+
+/// A key, and what recognises its secret part.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct StoredKey {
+    /// The key.
+    pub key: Key,
+    /// SHA-256 of its secret part.
+    pub secret_sha256: [u8; 32],
+}
+
+/// Why nobody is let in by a key.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Unrecognised {
+    /// It is none of ours, whichever part of it is wrong.
+    Unknown,
+    /// It was one of ours until then. Only who has the secret part is told.
+    Expired(Timestamp),
+    /// It was one of ours until somebody ended it then. Only who has the secret part is told.
+    Revoked(Timestamp),
+}
+
+/// Every key there is, those that have ended included.
+#[derive(Debug, Default)]
+pub struct KeyTable(HashMap<KeyId, (Arc<Key>, [u8; 32])>);
+
+impl FromIterator<StoredKey> for KeyTable {
+    fn from_iter<T: IntoIterator<Item = StoredKey>>(keys: T) -> Self {
+        let entry = |StoredKey { key, secret_sha256 }| (key.key_id, (Arc::new(key), secret_sha256));
+        Self(keys.into_iter().map(entry).collect())
+    }
+}
+
+impl KeyTable {
+    /// Whether there has never been a key, so that whoever reaches the server may use it.
+    #[must_use]
+    pub fn is_open(&self) -> bool {
+        self.0.is_empty()
+    }
+
+    /// The active key that `text` is.
+    ///
+    /// # Errors
+    /// When it is none. The secret part is compared in constant time.
+    pub fn recognise(&self, text: &[u8]) -> Result<&Arc<Key>, Unrecognised> {
+        let token = Token::parse(text).ok_or(Unrecognised::Unknown)?;
+        let (key, secret_sha256) = self.0.get(&token.key_id).ok_or(Unrecognised::Unknown)?;
+        if !bool::from(token.secret_sha256().ct_eq(secret_sha256)) {
+            return Err(Unrecognised::Unknown);
+        }
+        // Only for keys that end does the clock matter.
+        let ends = key.expires_at.or(key.revoked_at);
+        match ends.map_or(KeyState::Active, |_| key.state(Timestamp::now())) {
+            KeyState::Active => Ok(key),
+            KeyState::Expired => Err(Unrecognised::Expired(key.expires_at.unwrap_or_default())),
+            KeyState::Revoked => Err(Unrecognised::Revoked(key.revoked_at.unwrap_or_default())),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::access::{Issued, Scope, Scopes};
+
+    fn stored(issued: &Issued, expires_at: Option<Timestamp>, revoked_at: Option<Timestamp>) -> StoredKey {
+        let key = Key {
+            key_id: issued.key_id,
+            name: None,
+            scopes: Scopes::from_iter([Scope::Predict]),
+            models: None,
+            created_at: Timestamp::UNIX_EPOCH,
+            expires_at,
+            revoked_at,
+        };
+        StoredKey { key, secret_sha256: issued.secret_sha256 }
+    }
+
+    #[test]
+    fn only_the_whole_key_is_recognised_and_only_its_owner_is_told_that_it_ended() {
+        let [active, expired, revoked, foreign] = std::array::from_fn(|_| Issued::draw().unwrap());
+        let past = Timestamp::from_second(1).unwrap();
+        let table: KeyTable = [
+            stored(&active, Some(Timestamp::MAX), None),
+            stored(&expired, Some(past), None),
+            stored(&revoked, None, Some(past)),
+        ]
+        .into_iter()
+        .collect();
+        let told = |text: &str| table.recognise(text.as_bytes()).map(|key| key.key_id);
+        assert_eq!(told(active.reveal()), Ok(active.key_id));
+        assert_eq!(told(expired.reveal()), Err(Unrecognised::Expired(past)));
+        assert_eq!(told(revoked.reveal()), Err(Unrecognised::Revoked(past)));
+        for key in [&active, &expired, &revoked] {
+            let forged = format!("hw_{}_{}", key.key_id, &foreign.reveal()[20..]);
+            assert_eq!(told(&forged), Err(Unrecognised::Unknown));
+        }
+        for other in [foreign.reveal(), "", "x", &active.reveal()[..62]] {
+            assert_eq!(told(other), Err(Unrecognised::Unknown));
+        }
+    }
+
+    #[test]
+    fn ended_keys_keep_the_server_closed() {
+        assert!(KeyTable::default().is_open());
+        let past = Timestamp::from_second(1).unwrap();
+        let ended = stored(&Issued::draw().unwrap(), Some(past), Some(past));
+        assert!(!KeyTable::from_iter([ended]).is_open());
+    }
+}

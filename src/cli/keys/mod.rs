@@ -1,0 +1,230 @@
+//! `headway keys`: make, list and revoke keys, in a database that nobody serves or at a server.
+
+/// Of a database that no server owns.
+mod local;
+/// Of a server, over its interface.
+mod remote;
+
+use std::io::Write;
+use std::path::PathBuf;
+
+use anyhow::{Context, bail};
+use clap::{Args, Subcommand};
+use jiff::{SpanRelativeTo, Timestamp};
+use serde_json::Value;
+
+use crate::access::{KeyWish, Scope};
+use crate::lineage::ModelName;
+use local::Database;
+use remote::Remote;
+
+/// What `headway keys` can be told.
+#[derive(Debug, Args)]
+pub(super) struct KeysArguments {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Make a key, and print it for the only time.
+    Create(CreateArguments),
+    /// List keys, without their secret parts.
+    List(Whose),
+    /// End a key at once.
+    Revoke(RevokeArguments),
+}
+
+/// Whose keys.
+#[derive(Debug, Args)]
+struct Whose {
+    /// The database file, while no server has it open [default: ./headway.db]
+    #[arg(long, value_name = "FILE", conflicts_with = "server")]
+    database: Option<PathBuf>,
+    /// A running server instead of a database file
+    #[arg(long, value_name = "URL")]
+    server: Option<String>,
+    /// The key that is shown to the server
+    #[arg(long, value_name = "KEY", env = "HEADWAY_KEY", hide_env_values = true)]
+    key: Option<String>,
+    /// Print JSON on stdout, as the server answers it
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Debug, Args)]
+struct CreateArguments {
+    /// What it is to be used for: predict, ingest, train, admin
+    #[arg(long, value_name = "SCOPE", required = true, value_delimiter = ',')]
+    scope: Vec<Scope>,
+    /// The only model it is for, as often as needed [default: every model]
+    #[arg(long, value_name = "NAME", value_parser = ModelName::parse)]
+    model: Vec<ModelName>,
+    /// When it stops by itself: a span from now (90d, 12h) or a time (2027-01-31T00:00:00Z) [default: never]
+    #[arg(long, value_name = "WHEN", value_parser = when)]
+    expires: Option<Timestamp>,
+    /// What people call it
+    #[arg(long, value_name = "TEXT")]
+    name: Option<String>,
+    #[command(flatten)]
+    whose: Whose,
+}
+
+#[derive(Debug, Args)]
+struct RevokeArguments {
+    /// Its public part: 16 hexadecimal digits
+    #[arg(value_name = "KEY_ID")]
+    key_id: String,
+    /// Also when it is the last active admin key
+    #[arg(long)]
+    force: bool,
+    #[command(flatten)]
+    whose: Whose,
+}
+
+/// A time as a person says it: in RFC 3339, or as a span from now with days of 24 hours.
+fn when(text: &str) -> Result<Timestamp, String> {
+    if let Ok(time) = text.parse() {
+        return Ok(time);
+    }
+    let span: jiff::Span = text.parse().map_err(|_| "neither a span such as 90d nor a time in RFC 3339".to_owned())?;
+    let span = span.to_duration(SpanRelativeTo::days_are_24_hours()).map_err(|error| error.to_string())?;
+    Timestamp::now().checked_add(span).map_err(|error| error.to_string())
+}
+
+/// Where keys are.
+enum Keys {
+    Database(Database),
+    Server(Remote),
+}
+
+impl Keys {
+    async fn of(whose: &Whose, create: bool) -> anyhow::Result<Self> {
+        match &whose.server {
+            Some(url) => Ok(Self::Server(Remote::new(url, whose.key.clone())?)),
+            None => Database::open(whose.database.as_deref(), create).await.map(Self::Database),
+        }
+    }
+
+    async fn create(&self, wish: &KeyWish) -> anyhow::Result<Value> {
+        match self {
+            Self::Database(database) => database.create(wish).await,
+            Self::Server(server) => server.create(wish).await,
+        }
+    }
+
+    async fn list(&self) -> anyhow::Result<Vec<Value>> {
+        match self {
+            Self::Database(database) => database.list().await,
+            Self::Server(server) => server.list().await,
+        }
+    }
+
+    async fn revoke(&self, key_id: &str, force: bool) -> anyhow::Result<Value> {
+        match self {
+            Self::Database(database) => database.revoke(key_id, force).await,
+            Self::Server(server) => server.revoke(key_id, force).await,
+        }
+    }
+
+    async fn close(self) {
+        if let Self::Database(database) = self {
+            database.close().await;
+        }
+    }
+}
+
+/// Does what was asked, and prints what came of it.
+pub(super) fn run(arguments: KeysArguments) -> anyhow::Result<()> {
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+    runtime.block_on(perform(arguments.command))
+}
+
+async fn perform(command: Command) -> anyhow::Result<()> {
+    match command {
+        Command::Create(arguments) => {
+            let CreateArguments { scope, model, expires, name, whose } = arguments;
+            let models = Some(model).filter(|models| !models.is_empty());
+            let wish = KeyWish { name, scopes: scope.into_iter().collect(), models, expires_at: expires };
+            wish.check(Timestamp::now()).context("there can be no such key")?;
+            let keys = Keys::of(&whose, true).await?;
+            let made = keys.create(&wish).await;
+            keys.close().await;
+            show_made(&made?, whose.json)
+        }
+        Command::List(whose) => {
+            let keys = Keys::of(&whose, false).await?;
+            let listed = keys.list().await;
+            keys.close().await;
+            show_list(&listed?, whose.json)
+        }
+        Command::Revoke(RevokeArguments { key_id, force, whose }) => {
+            let keys = Keys::of(&whose, false).await?;
+            let revoked = keys.revoke(&key_id, force).await;
+            keys.close().await;
+            let (revoked, mut out) = (revoked?, std::io::stdout().lock());
+            if whose.json {
+                writeln!(out, "{revoked}")?
+            } else {
+                writeln!(out, "{key_id} is revoked")?
+            }
+            Ok(())
+        }
+    }
+}
+
+/// The key alone on stdout, so that it can be sent to a file; what is to be known of it on stderr.
+fn show_made(made: &Value, json: bool) -> anyhow::Result<()> {
+    let Some(key) = made["key"].as_str() else { bail!("the server answered without a key: {made}") };
+    let mut out = std::io::stdout().lock();
+    if json {
+        writeln!(out, "{made}")?;
+    } else {
+        writeln!(out, "{key}")?;
+        let (id, scopes) = (text(&made["key_id"]), text(&made["scopes"]));
+        writeln!(std::io::stderr(), "key {id} ({scopes}) is made; it is shown this once and kept nowhere")?;
+    }
+    Ok(out.flush()?)
+}
+
+fn show_list(keys: &[Value], json: bool) -> anyhow::Result<()> {
+    let mut out = std::io::stdout().lock();
+    if json {
+        return Ok(writeln!(out, "{}", serde_json::json!({"keys": keys}))?);
+    }
+    writeln!(out, "{:16}  {:7}  {:20}  {:20}  {:27}  NAME", "KEY", "STATE", "SCOPES", "MODELS", "EXPIRES")?;
+    for key in keys {
+        let [id, state, scopes, models, expires, name] =
+            ["key_id", "state", "scopes", "models", "expires_at", "name"].map(|member| text(&key[member]));
+        let models = if models.is_empty() { "all".to_owned() } else { models };
+        let expires = if expires.is_empty() { "never".to_owned() } else { expires };
+        writeln!(out, "{id:16}  {state:7}  {scopes:20}  {models:20}  {expires:27}  {name}")?;
+    }
+    Ok(())
+}
+
+/// A member as a table shows it.
+fn text(value: &Value) -> String {
+    match value {
+        Value::Null => String::new(),
+        Value::String(text) => text.clone(),
+        Value::Array(items) => items.iter().map(text).collect::<Vec<_>>().join(","),
+        other => other.to_string(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_end_is_a_time_or_a_span_from_now() {
+        assert_eq!(when("2027-01-31T00:00:00Z"), Ok("2027-01-31T00:00:00Z".parse().unwrap()));
+        let day = jiff::SignedDuration::from_hours(24);
+        let (before, end, after) = (Timestamp::now(), when("2d").unwrap(), Timestamp::now());
+        assert!(before + day + day <= end && end <= after + day + day);
+        for bad in ["", "tomorrow", "90", "2027-01-31"] {
+            assert!(when(bad).is_err(), "{bad}");
+        }
+    }
+}

@@ -1,0 +1,140 @@
+//! `/v1/keys`: make, list and revoke keys.
+
+use std::sync::Arc;
+
+use axum::extract::State;
+use axum::http::StatusCode;
+use axum::http::header::LOCATION;
+use jiff::Timestamp;
+use serde::Deserialize;
+use serde_json::{Value, json};
+
+use super::AppState;
+use super::answer::Answer;
+use super::body::JsonBody;
+use super::idempotency::Repeatable;
+use super::path::KeyAt;
+use super::problem::{Code, InputError, Problem};
+use super::query::{Page, Query};
+use crate::access::{Issued, Key, KeyDefect, KeyId, KeyWish, Scopes};
+use crate::lineage::ModelName;
+use crate::store::WriteTransaction;
+use crate::store::keys::{self, NoKey, Revoked};
+
+/// The body of a wish for a key.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct NewKey {
+    name: Option<String>,
+    scopes: Scopes,
+    models: Option<Vec<ModelName>>,
+    expires_at: Option<Timestamp>,
+}
+
+/// The query of a revocation.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Revocation {
+    force: Option<bool>,
+}
+
+/// A key as its managers see it.
+#[must_use]
+pub fn body(key: &Key, now: Timestamp) -> Value {
+    json!({
+        "key_id": key.key_id,
+        "name": key.name,
+        "scopes": key.scopes,
+        "models": key.models,
+        "state": key.state(now),
+        "created_at": key.created_at.to_string(),
+        "expires_at": key.expires_at.map(|at| at.to_string()),
+        "revoked_at": key.revoked_at.map(|at| at.to_string()),
+    })
+}
+
+fn missing(key_id: KeyId) -> Problem {
+    Code::KeyNotFound.because(format!("there is no key {key_id}"))
+}
+
+/// `POST /v1/keys`
+pub(super) async fn create(
+    State(app): State<Arc<AppState>>,
+    request: Repeatable,
+    JsonBody { value: new, request_sha256 }: JsonBody<NewKey>,
+) -> Result<Answer, Problem> {
+    if let Some(answer) = request.recall(request_sha256).await? {
+        return Ok(answer);
+    }
+    let NewKey { name, scopes, models, expires_at } = new;
+    let (wish, now) = (KeyWish { name, scopes, models, expires_at }, Timestamp::now());
+    wish.check(now).map_err(|defect| refusal(&defect))?;
+    let issued = Issued::draw().map_err(Problem::internal)?;
+    let mut tx = app.store.begin().await?;
+    let made = keys::create(&mut tx, &issued, &wish, app.access.max_keys, now).await?;
+    let key = made.map_err(|none| match none {
+        NoKey::TooMany(_) => Code::TooManyKeys.because(none.to_string()),
+        NoKey::AdminFirst => Code::AdminKeyFirst.because(none.to_string()),
+        NoKey::Known(_) => Problem::internal(none),
+    })?;
+    let answer = |secret: Option<&str>| {
+        let mut shown = body(&key, now);
+        shown["key"] = json!(secret);
+        Answer::json(StatusCode::CREATED, &shown).with_header(&LOCATION, format!("/v1/keys/{}", key.key_id))
+    };
+    // The whole key is shown once and kept nowhere: the answer to the same request sent again is without it.
+    request.keep(&mut tx, request_sha256, &answer(None)).await?;
+    settle(&app, tx).await?;
+    tracing::info!(key_id = %key.key_id, scopes = %json!(key.scopes), "key made");
+    Ok(answer(Some(issued.reveal())))
+}
+
+fn refusal(defect: &KeyDefect) -> Problem {
+    let error = InputError::at(format!("/{}", defect.member), defect.code, defect.detail.clone());
+    Code::InvalidBody.because(defect.to_string()).with_error(error)
+}
+
+/// Commits, and lets the change hold. Both happen even when the client goes away meanwhile and its request is dropped.
+async fn settle(app: &Arc<AppState>, transaction: WriteTransaction) -> Result<(), Problem> {
+    let app = Arc::clone(app);
+    let settled = tokio::spawn(async move {
+        transaction.commit().await.map_err(Problem::internal)?;
+        app.gate.refresh(&app.store).await.map_err(Problem::from)
+    });
+    settled.await.map_err(Problem::internal)?
+}
+
+/// `GET /v1/keys`
+pub(super) async fn list(State(app): State<Arc<AppState>>, page: Page) -> Result<Answer, Problem> {
+    let (found, now) = (app.store.keys(page.after, page.fetch()).await?, Timestamp::now());
+    Ok(Answer::ok(&page.body("keys", found, |(row, _)| *row, |(_, key)| body(key, now))))
+}
+
+/// `GET /v1/keys/{key_id}`
+pub(super) async fn read(State(app): State<Arc<AppState>>, KeyAt(key_id): KeyAt) -> Result<Answer, Problem> {
+    let key = app.store.key(key_id).await?.ok_or_else(|| missing(key_id))?;
+    Ok(Answer::ok(&body(&key, Timestamp::now())))
+}
+
+/// `DELETE /v1/keys/{key_id}`
+pub(super) async fn revoke(
+    State(app): State<Arc<AppState>>,
+    KeyAt(key_id): KeyAt,
+    Query(Revocation { force }): Query<Revocation>,
+) -> Result<Answer, Problem> {
+    let now = Timestamp::now();
+    let mut tx = app.store.begin().await?;
+    let key = match keys::revoke(&mut tx, key_id, force == Some(true), now).await? {
+        Revoked::Done(key) => key,
+        Revoked::Unknown => return Err(missing(key_id)),
+        Revoked::LastAdmin => {
+            return Err(Code::LastAdminKey.because(
+                "without it keys are managed with the command line on the server's machine alone; force=true revokes it \
+                 all the same",
+            ));
+        }
+    };
+    settle(&app, tx).await?;
+    tracing::info!(%key_id, "key revoked");
+    Ok(Answer::ok(&body(&key, now)))
+}

@@ -1,0 +1,115 @@
+use jiff::{SignedDuration, Timestamp};
+use sqlx::query;
+use tempfile::TempDir;
+
+use super::*;
+use crate::access::Scopes;
+use crate::store::{Store, StoreSettings};
+
+async fn open(directory: &TempDir) -> Store {
+    let settings = StoreSettings {
+        path: directory.path().join("headway.db"),
+        readers: 1,
+        busy_timeout_s: 5.0,
+        writer_wait_s: 5.0,
+        statement_cache: 16,
+    };
+    Store::open(&settings).await.unwrap()
+}
+
+fn wish(scope: Scope) -> KeyWish {
+    KeyWish { scopes: Scopes::from_iter([scope]), ..KeyWish::default() }
+}
+
+fn now() -> Timestamp {
+    Timestamp::from_second(1_000).unwrap()
+}
+
+async fn made(store: &Store, wish: &KeyWish, max_keys: u32) -> Result<Key, NoKey> {
+    let mut tx = store.begin().await.unwrap();
+    let key = create(&mut tx, &Issued::draw().unwrap(), wish, max_keys, now()).await.unwrap();
+    tx.commit().await.unwrap();
+    key
+}
+
+async fn revoked(store: &Store, key: &Key, force: bool) -> Revoked {
+    let mut tx = store.begin().await.unwrap();
+    let revoked = revoke(&mut tx, key.key_id, force, now()).await.unwrap();
+    tx.commit().await.unwrap();
+    revoked
+}
+
+#[tokio::test]
+async fn a_key_is_read_back_as_it_was_made_and_its_secret_is_not_kept() {
+    let directory = tempfile::tempdir().unwrap();
+    let store = open(&directory).await;
+    made(&store, &wish(Scope::Admin), 9).await.unwrap();
+    let limited = KeyWish {
+        name: Some("a van".to_owned()),
+        models: Some(vec![crate::lineage::ModelName::parse("default").unwrap()]),
+        expires_at: Some(now() + SignedDuration::from_hours(1)),
+        ..wish(Scope::Ingest)
+    };
+    let issued = Issued::draw().unwrap();
+    let mut tx = store.begin().await.unwrap();
+    let key = create(&mut tx, &issued, &limited, 9, now()).await.unwrap().unwrap();
+    assert_eq!(create(&mut tx, &issued, &limited, 9, now()).await.unwrap(), Err(NoKey::Known(issued.key_id)));
+    tx.commit().await.unwrap();
+    assert_eq!(store.key(key.key_id).await.unwrap().as_ref(), Some(&key));
+    assert_eq!(store.keys(1, 9).await.unwrap(), [(2, key.clone())]);
+    let stored = store.stored_keys().await.unwrap();
+    assert_eq!(stored[1], StoredKey { key, secret_sha256: issued.secret_sha256 });
+    store.close().await;
+    let bytes = std::fs::read(directory.path().join("headway.db")).unwrap();
+    let secret = &issued.reveal().as_bytes()[20..];
+    assert!(!bytes.windows(secret.len()).any(|window| window == secret));
+}
+
+#[tokio::test]
+async fn the_first_key_is_an_admin_key_and_the_last_active_one_stays_unless_forced() {
+    let directory = tempfile::tempdir().unwrap();
+    let store = open(&directory).await;
+    assert_eq!(made(&store, &wish(Scope::Train), 9).await, Err(NoKey::AdminFirst));
+    let first = made(&store, &wish(Scope::Admin), 9).await.unwrap();
+    let other = made(&store, &wish(Scope::Train), 9).await.unwrap();
+    let expired = KeyWish { expires_at: Some(now()), ..wish(Scope::Admin) };
+    made(&store, &expired, 9).await.unwrap();
+    assert_eq!(revoked(&store, &first, false).await, Revoked::LastAdmin);
+    let second = made(&store, &wish(Scope::Admin), 9).await.unwrap();
+    let ended = Key { revoked_at: Some(now()), ..first.clone() };
+    for _ in 0..2 {
+        assert_eq!(revoked(&store, &first, false).await, Revoked::Done(ended.clone()));
+    }
+    assert!(matches!(revoked(&store, &other, false).await, Revoked::Done(_)));
+    assert_eq!(revoked(&store, &second, false).await, Revoked::LastAdmin);
+    assert!(matches!(revoked(&store, &second, true).await, Revoked::Done(_)));
+    let unknown = Key { key_id: Issued::draw().unwrap().key_id, ..first };
+    assert_eq!(revoked(&store, &unknown, true).await, Revoked::Unknown);
+}
+
+#[tokio::test]
+async fn there_are_only_so_many_keys() {
+    let directory = tempfile::tempdir().unwrap();
+    let store = open(&directory).await;
+    let key = made(&store, &wish(Scope::Admin), 1).await.unwrap();
+    assert_eq!(made(&store, &wish(Scope::Admin), 1).await, Err(NoKey::TooMany(1)));
+    revoked(&store, &key, true).await;
+    assert_eq!(made(&store, &wish(Scope::Admin), 1).await, Err(NoKey::TooMany(1)), "ended ones count");
+}
+
+#[tokio::test]
+async fn the_database_itself_refuses_to_delete_a_key_or_to_change_one_but_for_its_end() {
+    let directory = tempfile::tempdir().unwrap();
+    let store = open(&directory).await;
+    made(&store, &wish(Scope::Admin), 9).await.unwrap();
+    let mut tx = store.begin().await.unwrap();
+    for statement in [
+        "delete from access_key",
+        "update access_key set scopes = '[\"predict\"]'",
+        "update access_key set revoked_at = '2026-01-01T00:00:00Z', expires_at = null, name = 'x'",
+    ] {
+        assert!(query(statement).execute(&mut *tx).await.is_err(), "{statement}");
+    }
+    query("update access_key set revoked_at = '2026-01-01T00:00:00Z'").execute(&mut *tx).await.unwrap();
+    assert!(query("update access_key set revoked_at = null").execute(&mut *tx).await.is_err());
+}
