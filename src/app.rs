@@ -87,7 +87,6 @@ async fn assemble(
     Ok(Arc::new(AppState {
         store,
         gate,
-        access: config.access,
         scheduler,
         predictor,
         upload_slots: slots(config.server.concurrent_uploads),

@@ -73,6 +73,11 @@ fn status_codes_live_in_http_alone() {
 }
 
 #[test]
+fn changes_over_http_are_made_in_somebodys_name() {
+    assert_none(&files(&["src"]).iter().flat_map(rules::nameless_changes).collect::<Vec<_>>());
+}
+
+#[test]
 fn no_module_is_a_drawer() {
     assert_none(&files(&["src", "tests"]).iter().flat_map(rules::drawers).collect::<Vec<_>>());
 }
@@ -135,6 +140,10 @@ mod the_rules_can_fail {
         assert_eq!(sql("src/ingest/a.rs", "// select a from b\nf(\"select one of these; update your client\")"), 0);
         let codes = |path: &str| rules::status_code_outside_http(&file(path, "StatusCode::OK")).len();
         assert_eq!([codes("src/store/a.rs"), codes("src/http/a.rs")], [1, 0]);
+        let nameless = |path: &str, text: &str| rules::nameless_changes(&file(path, text)).len();
+        assert_eq!(nameless("src/http/a.rs", "app.store.begin().await"), 1);
+        assert_eq!(nameless("src/http/a.rs", "app.store.begin_for(&by).await"), 0);
+        assert_eq!(nameless("src/scheduler/a.rs", "app.store.begin().await"), 0);
     }
 
     #[test]

@@ -2,6 +2,8 @@
 
 /// What a key is and may.
 mod key;
+/// How much one key may ask.
+mod meter;
 /// Words for what may be done.
 mod scope;
 /// Limits.
@@ -12,7 +14,8 @@ mod table;
 mod token;
 
 pub use key::{Key, KeyDefect, KeyId, KeyState, KeyWish};
+pub use meter::{Class, Meters, Policy, Standing, TooMany};
 pub use scope::{Scope, Scopes};
 pub use settings::AccessSettings;
-pub use table::{KeyTable, StoredKey, Unrecognised};
+pub use table::{Entry, KeyTable, StoredKey, Unrecognised};
 pub use token::{Issued, Token};

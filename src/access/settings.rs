@@ -13,12 +13,23 @@ pub struct AccessSettings {
     pub key_file: PathBuf,
     /// Most keys, those that have ended included.
     pub max_keys: u32,
+    /// The window of the limits below, s.
+    pub rate_window_s: u32,
+    /// Requests of one key within a window, other than those below; 0: no limit.
+    pub rate_requests: u32,
+    /// Predictions, simulations and evaluations of one key within a window, counted by request; 0: no limit.
+    pub rate_predictions: u32,
 }
 
 impl AccessSettings {
     /// Every number, and the range it must lie in.
     #[must_use]
-    pub fn numbers(&self) -> [(&'static str, f64, RangeInclusive<f64>); 1] {
-        [("max_keys", self.max_keys.into(), 1.0..=1e6)]
+    pub fn numbers(&self) -> [(&'static str, f64, RangeInclusive<f64>); 4] {
+        [
+            ("max_keys", self.max_keys.into(), 1.0..=1e6),
+            ("rate_window_s", self.rate_window_s.into(), 1.0..=86_400.0),
+            ("rate_requests", self.rate_requests.into(), 0.0..=1e9),
+            ("rate_predictions", self.rate_predictions.into(), 0.0..=1e9),
+        ]
     }
 }

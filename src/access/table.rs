@@ -6,7 +6,7 @@ use std::sync::Arc;
 use jiff::Timestamp;
 use subtle::ConstantTimeEq;
 
-use super::{Key, KeyId, KeyState, Token};
+use super::{AccessSettings, Key, KeyId, KeyState, Meters, Token};
 
 /// A key, and what recognises its secret part.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -28,18 +28,32 @@ pub enum Unrecognised {
     Revoked(Timestamp),
 }
 
-/// Every key there is, those that have ended included.
-#[derive(Debug, Default)]
-pub struct KeyTable(HashMap<KeyId, (Arc<Key>, [u8; 32])>);
-
-impl FromIterator<StoredKey> for KeyTable {
-    fn from_iter<T: IntoIterator<Item = StoredKey>>(keys: T) -> Self {
-        let entry = |StoredKey { key, secret_sha256 }| (key.key_id, (Arc::new(key), secret_sha256));
-        Self(keys.into_iter().map(entry).collect())
-    }
+/// A key, and how much it asked.
+#[derive(Debug)]
+pub struct Entry {
+    /// The key.
+    pub key: Arc<Key>,
+    /// Its buckets.
+    pub meters: Arc<Meters>,
+    secret_sha256: [u8; 32],
 }
 
+/// Every key there is, those that have ended included.
+#[derive(Debug, Default)]
+pub struct KeyTable(HashMap<KeyId, Entry>);
+
 impl KeyTable {
+    /// The table of these keys after `self`: what each of them asked so far still counts.
+    #[must_use]
+    pub fn followed_by(&self, keys: impl IntoIterator<Item = StoredKey>, settings: &AccessSettings) -> Self {
+        let entry = |StoredKey { key, secret_sha256 }: StoredKey| {
+            let before = self.0.get(&key.key_id).map(|entry| Arc::clone(&entry.meters));
+            let meters = before.unwrap_or_else(|| Arc::new(Meters::new(settings)));
+            (key.key_id, Entry { key: Arc::new(key), meters, secret_sha256 })
+        };
+        Self(keys.into_iter().map(entry).collect())
+    }
+
     /// Whether there has never been a key, so that whoever reaches the server may use it.
     #[must_use]
     pub fn is_open(&self) -> bool {
@@ -50,16 +64,17 @@ impl KeyTable {
     ///
     /// # Errors
     /// When it is none. The secret part is compared in constant time.
-    pub fn recognise(&self, text: &[u8]) -> Result<&Arc<Key>, Unrecognised> {
+    pub fn recognise(&self, text: &[u8]) -> Result<&Entry, Unrecognised> {
         let token = Token::parse(text).ok_or(Unrecognised::Unknown)?;
-        let (key, secret_sha256) = self.0.get(&token.key_id).ok_or(Unrecognised::Unknown)?;
-        if !bool::from(token.secret_sha256().ct_eq(secret_sha256)) {
+        let entry = self.0.get(&token.key_id).ok_or(Unrecognised::Unknown)?;
+        let key = &entry.key;
+        if !bool::from(token.secret_sha256().ct_eq(&entry.secret_sha256)) {
             return Err(Unrecognised::Unknown);
         }
         // Only for keys that end does the clock matter.
         let ends = key.expires_at.or(key.revoked_at);
         match ends.map_or(KeyState::Active, |_| key.state(Timestamp::now())) {
-            KeyState::Active => Ok(key),
+            KeyState::Active => Ok(entry),
             KeyState::Expired => Err(Unrecognised::Expired(key.expires_at.unwrap_or_default())),
             KeyState::Revoked => Err(Unrecognised::Revoked(key.revoked_at.unwrap_or_default())),
         }
@@ -69,7 +84,7 @@ impl KeyTable {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::access::{Issued, Scope, Scopes};
+    use crate::access::{Class, Issued, Scope, Scopes};
 
     fn stored(issued: &Issued, expires_at: Option<Timestamp>, revoked_at: Option<Timestamp>) -> StoredKey {
         let key = Key {
@@ -84,18 +99,40 @@ mod tests {
         StoredKey { key, secret_sha256: issued.secret_sha256 }
     }
 
+    fn settings() -> AccessSettings {
+        AccessSettings {
+            key_file: std::path::PathBuf::new(),
+            max_keys: 9,
+            rate_window_s: 86_400,
+            rate_requests: 1,
+            rate_predictions: 0,
+        }
+    }
+
+    fn table<const N: usize>(keys: [StoredKey; N]) -> KeyTable {
+        KeyTable::default().followed_by(keys, &settings())
+    }
+
+    #[test]
+    fn what_a_key_asked_counts_after_other_keys_changed() {
+        let [one, other] = std::array::from_fn(|_| Issued::draw().unwrap());
+        let before = table([stored(&one, None, None)]);
+        before.recognise(one.reveal().as_bytes()).unwrap().meters.take(Class::Default).unwrap();
+        let after = before.followed_by([stored(&one, None, None), stored(&other, None, None)], &settings());
+        let take = |key: &Issued| after.recognise(key.reveal().as_bytes()).unwrap().meters.take(Class::Default);
+        assert!(take(&one).is_err() && take(&other).is_ok());
+    }
+
     #[test]
     fn only_the_whole_key_is_recognised_and_only_its_owner_is_told_that_it_ended() {
         let [active, expired, revoked, foreign] = std::array::from_fn(|_| Issued::draw().unwrap());
         let past = Timestamp::from_second(1).unwrap();
-        let table: KeyTable = [
+        let table = table([
             stored(&active, Some(Timestamp::MAX), None),
             stored(&expired, Some(past), None),
             stored(&revoked, None, Some(past)),
-        ]
-        .into_iter()
-        .collect();
-        let told = |text: &str| table.recognise(text.as_bytes()).map(|key| key.key_id);
+        ]);
+        let told = |text: &str| table.recognise(text.as_bytes()).map(|entry| entry.key.key_id);
         assert_eq!(told(active.reveal()), Ok(active.key_id));
         assert_eq!(told(expired.reveal()), Err(Unrecognised::Expired(past)));
         assert_eq!(told(revoked.reveal()), Err(Unrecognised::Revoked(past)));
@@ -113,6 +150,6 @@ mod tests {
         assert!(KeyTable::default().is_open());
         let past = Timestamp::from_second(1).unwrap();
         let ended = stored(&Issued::draw().unwrap(), Some(past), Some(past));
-        assert!(!KeyTable::from_iter([ended]).is_open());
+        assert!(!table([ended]).is_open());
     }
 }

@@ -8,7 +8,7 @@ use jiff::Timestamp;
 use crate::access::{Issued, KeyState, KeyWish, Scope, Scopes};
 use crate::config::Config;
 use crate::http::Gate;
-use crate::store::{Store, keys};
+use crate::store::{Actor, Store, keys};
 
 /// The gate as the database has it, once the key of `access.key_file` is in there.
 ///
@@ -16,7 +16,7 @@ use crate::store::{Store, keys};
 /// When that file holds no key, or when strangers could reach a server that lets everybody in.
 pub(super) async fn gate(store: &Store, config: &Config, address: SocketAddr) -> anyhow::Result<Gate> {
     learn_key_file(store, config).await?;
-    let gate = Gate::default();
+    let gate = Gate::new(config.access.clone());
     gate.refresh(store).await?;
     if gate.is_open() && !address.ip().to_canonical().is_loopback() {
         let database = config.database.path.display();
@@ -51,7 +51,7 @@ async fn learn_key_file(store: &Store, config: &Config) -> anyhow::Result<()> {
         None => {
             let name = Some("access.key_file".to_owned());
             let wish = KeyWish { name, scopes: Scopes::from_iter([Scope::Admin]), ..KeyWish::default() };
-            let mut transaction = store.begin().await?;
+            let mut transaction = store.begin_for(&Actor::local()).await?;
             keys::create(&mut transaction, &issued, &wish, config.access.max_keys, now)
                 .await?
                 .context("access.key_file")?;

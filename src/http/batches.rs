@@ -22,7 +22,7 @@ use crate::access::Scope;
 use crate::ingest::{Receipt, Received, Upload, UploadOptions, receive};
 use crate::lineage::{Batch, EventCounts, Model};
 use crate::store::retract::{self, Retracted};
-use crate::store::selection;
+use crate::store::{Actor, selection};
 
 /// The query of a retraction.
 #[derive(Debug, Deserialize)]
@@ -64,6 +64,7 @@ async fn find(app: &AppState, model: &Model, batch: i64) -> Result<Batch, Proble
 pub(super) async fn upload(
     State(app): State<Arc<AppState>>,
     ModelAt(model): ModelAt,
+    by: Actor,
     context: RequestContext,
     request: Repeatable,
     Query(options): Query<UploadOptions>,
@@ -84,7 +85,7 @@ pub(super) async fn upload(
     let (model_id, settings) = (model.model_id, model.settings.clone());
     let upload = Upload { model_id, model: settings, format, encoding, options, body, received_at };
     let Received { mut transaction, receipt } =
-        receive(&app.store, upload, &app.ingest).await.map_err(ingest_problem)?;
+        receive(&app.store, &by, upload, &app.ingest).await.map_err(ingest_problem)?;
     let tasks = selection::create_due(&mut transaction, model_id, model.settings.schedule, received_at).await?;
     let answer = answer(&model, &context, &receipt, &tasks);
     request.keep(&mut transaction, request_sha256, &answer).await?;
@@ -175,6 +176,7 @@ pub(super) async fn retract(
     ModelAt(model): ModelAt,
     BatchAt(batch): BatchAt,
     caller: Caller,
+    by: Actor,
     Query(query): Query<Retraction>,
 ) -> Result<Answer, Problem> {
     if query.erase == Some(true) {
@@ -183,7 +185,7 @@ pub(super) async fn retract(
     if query.erase == Some(true) {
         return Err(Code::NotAvailable.because("erasing stored events comes with a later release"));
     }
-    let mut tx = app.store.begin().await?;
+    let mut tx = app.store.begin_for(&by).await?;
     match retract::retract(&mut tx, model.model_id, batch, Timestamp::now()).await? {
         Retracted::Done { .. } | Retracted::Before => {}
         Retracted::Unknown => {

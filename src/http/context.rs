@@ -16,11 +16,12 @@ use tracing::instrument::Instrumented;
 use tracing::{Instrument, Span};
 
 use super::AppState;
-use super::gate::Need;
+use super::gate::{Admitted, Need, limits};
 use super::path::model_named;
 use super::predict;
 use super::problem::{Code, Problem, RequestContext};
 use super::route::Needs;
+use crate::access::{Class, Standing};
 
 /// Routes that may be called thousands of times a second: unless something is wrong, their log lines are for `debug`.
 const OFTEN: [&str; 2] = [predict::ROUTE, "/v1/models/{model}/simulate"];
@@ -86,19 +87,27 @@ pub(super) async fn observe(State(around): State<Around>, request: Request, next
     let need = needs.of(route, request.method());
     let (mut parts, body) = request.into_parts();
     parts.extensions.insert(observation.context());
-    let answer = match enter(app, need, route, &mut parts).await {
-        Ok(()) => observation.within(next.run(Request::from_parts(parts, body))).await,
-        Err(problem) => problem.into_response(),
-    };
-    observation.end(answer)
+    match enter(app, need, route, &mut parts).await {
+        Ok(standing) => {
+            let answer = observation.within(next.run(Request::from_parts(parts, body))).await;
+            let mut answer = observation.end(answer);
+            // Predictions are many: they are told of their limit once it is reached.
+            if let Some(standing) = standing.filter(|standing| standing.policy.class == Class::Default) {
+                answer.headers_mut().extend(limits(&standing));
+            }
+            answer
+        }
+        Err(problem) => observation.end(problem.into_response()),
+    }
 }
 
 /// Lets a request in to its handler, which is told who sent it.
-async fn enter(app: &AppState, need: Need, route: &str, parts: &mut Parts) -> Result<(), Problem> {
+async fn enter(app: &AppState, need: Need, route: &str, parts: &mut Parts) -> Result<Option<Standing>, Problem> {
     let model = if route.contains("{model}") { Some(model_named(parts).await) } else { None };
-    let caller = app.gate.admit(&parts.headers, need, model.as_deref())?;
+    let Admitted { caller, standing } = app.gate.admit(&parts.headers, need, model.as_deref())?;
     parts.extensions.insert(caller);
-    acceptable(&parts.headers, route)
+    acceptable(&parts.headers, route)?;
+    Ok(standing)
 }
 
 /// What is to be told of a request once it is answered. Makes nothing that only a log line or a problem would need before it

@@ -7,14 +7,14 @@ use std::sync::Arc;
 
 use arc_swap::ArcSwap;
 use axum::extract::FromRequestParts;
-use axum::http::header::{AUTHORIZATION, HeaderMap, HeaderValue, WWW_AUTHENTICATE};
+use axum::http::header::{AUTHORIZATION, HeaderMap, HeaderName, HeaderValue, RETRY_AFTER, WWW_AUTHENTICATE};
 use axum::http::request::Parts;
 use serde_json::{Map, json};
 use tokio::sync::Mutex;
 
-use super::problem::{Code, Problem};
-use crate::access::{Key, KeyTable, Scope, Unrecognised};
-use crate::store::{Store, StoreError};
+use super::problem::{Code, Problem, RequestContext};
+use crate::access::{AccessSettings, Class, Entry, Key, KeyTable, Policy, Scope, Standing, TooMany, Unrecognised};
+use crate::store::{Actor, Store, StoreError};
 
 /// What a route needs of who calls it, once there are keys.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -30,17 +30,39 @@ pub enum Need {
 }
 
 /// Who is let in.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub struct Gate {
     keys: ArcSwap<KeyTable>,
     reading: Mutex<()>,
+    settings: AccessSettings,
 }
 
 /// Who sent a request: the owner of a key, or whoever reaches a server that has none.
 #[derive(Debug, Clone)]
 pub(super) struct Caller(Option<Arc<Key>>);
 
+/// A request that is let in.
+#[derive(Debug)]
+pub(super) struct Admitted {
+    /// Who sent it.
+    pub(super) caller: Caller,
+    /// How much the key may still ask, where that is limited.
+    pub(super) standing: Option<Standing>,
+}
+
 impl Gate {
+    /// One that nobody has a key to yet.
+    #[must_use]
+    pub fn new(settings: AccessSettings) -> Self {
+        Self { keys: ArcSwap::default(), reading: Mutex::default(), settings }
+    }
+
+    /// Limits of keys.
+    #[must_use]
+    pub fn settings(&self) -> &AccessSettings {
+        &self.settings
+    }
+
     /// Reads every key again. Due after each commit that changes one: from then on it holds.
     ///
     /// # Errors
@@ -48,7 +70,9 @@ impl Gate {
     pub async fn refresh(&self, store: &Store) -> Result<(), StoreError> {
         // One after another, so that what is stored last was read last.
         let _turn = self.reading.lock().await;
-        self.keys.store(Arc::new(store.stored_keys().await?.into_iter().collect()));
+        let keys = store.stored_keys().await?;
+        let next = self.keys.load().followed_by(keys, &self.settings);
+        self.keys.store(Arc::new(next));
         Ok(())
     }
 
@@ -61,9 +85,11 @@ impl Gate {
     /// Who sent a request with these headers, where what it asks `need`s is given.
     ///
     /// # Errors
-    /// 401 without an active key, 403 with one that does not reach so far.
-    pub(super) fn admit(&self, headers: &HeaderMap, need: Need, model: Option<&str>) -> Result<Caller, Problem> {
-        Ok(Caller(check(&self.keys.load(), headers, need, model)?.cloned()))
+    /// 401 without an active key, 403 with one that does not reach so far, 429 with one that asked too much.
+    pub(super) fn admit(&self, headers: &HeaderMap, need: Need, model: Option<&str>) -> Result<Admitted, Problem> {
+        let keys = self.keys.load();
+        let (entry, standing) = check(&keys, headers, need, model)?;
+        Ok(Admitted { caller: Caller(entry.map(|entry| Arc::clone(&entry.key))), standing })
     }
 
     /// As [`Self::admit`], where it does not matter who it is.
@@ -80,11 +106,14 @@ fn check<'a>(
     headers: &HeaderMap,
     need: Need,
     model: Option<&str>,
-) -> Result<Option<&'a Arc<Key>>, Problem> {
+) -> Result<(Option<&'a Entry>, Option<Standing>), Problem> {
     if keys.is_open() || need == Need::Nothing {
-        return Ok(None);
+        return Ok((None, None));
     }
-    let key = keys.recognise(bearer(headers).unwrap_or_default()).map_err(stranger)?;
+    let entry = keys.recognise(bearer(headers).unwrap_or_default()).map_err(stranger)?;
+    let class = if need == Need::May(Scope::Predict) { Class::Predict } else { Class::Default };
+    let standing = entry.meters.take(class).map_err(|too_many| impatient(&too_many))?;
+    let key = &entry.key;
     if let Need::May(scope) = need
         && !key.scopes.allow(scope)
     {
@@ -97,7 +126,7 @@ fn check<'a>(
         (None, Need::May(_) | Need::EveryModel) if key.models.is_some() => {
             Err(Code::ModelForbidden.because("the key is for some models only, and this call is about more than these"))
         }
-        _ => Ok(Some(key)),
+        _ => Ok((Some(entry), standing)),
     }
 }
 
@@ -128,6 +157,25 @@ fn stranger(why: Unrecognised) -> Problem {
     problem.with_header(WWW_AUTHENTICATE, HeaderValue::from_static(challenge))
 }
 
+/// A 429 that says how long to wait.
+fn impatient(TooMany { standing, retry_after_s }: &TooMany) -> Problem {
+    let Policy { requests, window_s, .. } = standing.policy;
+    let detail = format!("a key may ask {requests} times within {window_s} s; one more is taken in {retry_after_s} s");
+    let problem = Code::RateLimited.because(detail).with_header(RETRY_AFTER, (*retry_after_s).into());
+    limits(standing).into_iter().fold(problem, |problem, (name, value)| problem.with_header(name, value))
+}
+
+/// The headers that tell where a key stands (draft-ietf-httpapi-ratelimit-headers).
+pub(super) fn limits(standing: &Standing) -> [(HeaderName, HeaderValue); 2] {
+    let Standing { policy: Policy { class, requests, window_s }, remaining, full_in_s } = standing;
+    let name = class.as_str();
+    [
+        (HeaderName::from_static("ratelimit-policy"), format!(r#""{name}";q={requests};w={window_s}"#)),
+        (HeaderName::from_static("ratelimit"), format!(r#""{name}";r={remaining};t={full_in_s}"#)),
+    ]
+    .map(|(name, value)| (name, HeaderValue::try_from(value).expect("words and numbers")))
+}
+
 /// A 403 that names the scope.
 fn lacking(scope: Scope) -> Problem {
     let name = scope.as_str();
@@ -141,7 +189,7 @@ fn lacking(scope: Scope) -> Problem {
 impl Caller {
     /// Who it is, in the history and the audit log: the key's id, or `local`.
     pub(super) fn name(&self) -> String {
-        self.0.as_ref().map_or_else(|| "local".to_owned(), |key| key.key_id.to_string())
+        self.0.as_ref().map_or_else(|| Actor::local().name, |key| key.key_id.to_string())
     }
 
     /// The only models the caller may know of; none: every model.
@@ -166,6 +214,17 @@ impl<S: Sync> FromRequestParts<S> for Caller {
 
     async fn from_request_parts(parts: &mut Parts, _: &S) -> Result<Self, Problem> {
         parts.extensions.get().cloned().ok_or_else(|| Problem::internal("a route outside the gate"))
+    }
+}
+
+/// Who changes are made for: the caller, in this request.
+impl<S: Sync> FromRequestParts<S> for Actor {
+    type Rejection = Problem;
+
+    async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, Problem> {
+        let name = Caller::from_request_parts(parts, state).await?.name();
+        let RequestContext { request_id, .. } = RequestContext::from_request_parts(parts, state).await?;
+        Ok(Self { name, request_id: Some(request_id) })
     }
 }
 

@@ -3,14 +3,17 @@
 use std::sync::Arc;
 
 use axum::extract::State;
+use axum::http::HeaderMap;
 use axum::http::header::CONTENT_TYPE;
 use axum::response::IntoResponse;
 use serde_json::json;
 
 use super::AppState;
 use super::answer::Answer;
+use super::gate::Need;
 use super::problem::{Code, Problem};
 use crate::predictor::Degraded;
+use crate::store::Actor;
 
 /// The process answers.
 pub(super) async fn live() -> Answer {
@@ -18,8 +21,8 @@ pub(super) async fn live() -> Answer {
 }
 
 /// The database can be written, and something answers for every model that has a live version. While an ancestor of a corrupt
-/// version does, requests are still to be sent here: the list says for which models.
-pub(super) async fn ready(State(app): State<Arc<AppState>>) -> Result<Answer, Problem> {
+/// version does, requests are still to be sent here: the list says for which models, to who may know of all of them.
+pub(super) async fn ready(State(app): State<Arc<AppState>>, headers: HeaderMap) -> Result<Answer, Problem> {
     if *app.stopping.borrow() {
         return Err(Problem::busy(Code::ShuttingDown, "no new work is taken"));
     }
@@ -27,9 +30,9 @@ pub(super) async fn ready(State(app): State<Arc<AppState>>) -> Result<Answer, Pr
         return Err(Problem::busy(Code::NotReady, "a live version is not loaded, and no ancestor of it"));
     }
     // Beginning a write takes the lock that any write takes; dropped, it never happened.
-    drop(app.store.begin().await?);
+    drop(app.store.begin_for(&Actor::server()).await?);
     let degraded = app.predictor.degraded();
-    if degraded.is_empty() {
+    if degraded.is_empty() || app.gate.pass(&headers, Need::EveryModel, None).is_err() {
         return Ok(Answer::ok(&json!({"status": "ready"})));
     }
     let told = |of: &Degraded| json!({"model": of.model, "live": of.live, "serving": of.serving});

@@ -18,8 +18,8 @@ use super::problem::{Code, InputError, Problem};
 use super::query::{Page, Query};
 use crate::access::{Issued, Key, KeyDefect, KeyId, KeyWish, Scopes};
 use crate::lineage::ModelName;
-use crate::store::WriteTransaction;
 use crate::store::keys::{self, NoKey, Revoked};
+use crate::store::{Actor, WriteTransaction};
 
 /// The body of a wish for a key.
 #[derive(Debug, Deserialize)]
@@ -60,6 +60,7 @@ fn missing(key_id: KeyId) -> Problem {
 /// `POST /v1/keys`
 pub(super) async fn create(
     State(app): State<Arc<AppState>>,
+    by: Actor,
     request: Repeatable,
     JsonBody { value: new, request_sha256 }: JsonBody<NewKey>,
 ) -> Result<Answer, Problem> {
@@ -70,8 +71,8 @@ pub(super) async fn create(
     let (wish, now) = (KeyWish { name, scopes, models, expires_at }, Timestamp::now());
     wish.check(now).map_err(|defect| refusal(&defect))?;
     let issued = Issued::draw().map_err(Problem::internal)?;
-    let mut tx = app.store.begin().await?;
-    let made = keys::create(&mut tx, &issued, &wish, app.access.max_keys, now).await?;
+    let mut tx = app.store.begin_for(&by).await?;
+    let made = keys::create(&mut tx, &issued, &wish, app.gate.settings().max_keys, now).await?;
     let key = made.map_err(|none| match none {
         NoKey::TooMany(_) => Code::TooManyKeys.because(none.to_string()),
         NoKey::AdminFirst => Code::AdminKeyFirst.because(none.to_string()),
@@ -120,10 +121,11 @@ pub(super) async fn read(State(app): State<Arc<AppState>>, KeyAt(key_id): KeyAt)
 pub(super) async fn revoke(
     State(app): State<Arc<AppState>>,
     KeyAt(key_id): KeyAt,
+    by: Actor,
     Query(Revocation { force }): Query<Revocation>,
 ) -> Result<Answer, Problem> {
     let now = Timestamp::now();
-    let mut tx = app.store.begin().await?;
+    let mut tx = app.store.begin_for(&by).await?;
     let key = match keys::revoke(&mut tx, key_id, force == Some(true), now).await? {
         Revoked::Done(key) => key,
         Revoked::Unknown => return Err(missing(key_id)),

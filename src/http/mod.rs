@@ -4,6 +4,8 @@
 mod absent;
 /// Answers that can be kept and sent again.
 mod answer;
+/// `/v1/audit`.
+mod audit;
 /// Uploads and what became of them.
 mod batches;
 /// JSON bodies.
@@ -76,7 +78,7 @@ pub use keys::body as key_body;
 pub use problem::Code;
 pub use settings::ServerSettings;
 
-use crate::access::{AccessSettings, Scope};
+use crate::access::Scope;
 use crate::ingest::IngestSettings;
 use crate::lineage::ModelSettings;
 use crate::predictor::Predictor;
@@ -93,8 +95,6 @@ pub struct AppState {
     pub store: Arc<Store>,
     /// Who is let in.
     pub gate: Gate,
-    /// Limits of keys.
-    pub access: AccessSettings,
     /// What runs, and how far it is.
     pub scheduler: Scheduler,
     /// Loaded versions.
@@ -136,6 +136,7 @@ fn routes() -> Vec<Route> {
         at("/metrics").get(EveryModel, health::metrics),
         at("/v1/keys").get(May(Admin), keys::list).post(May(Admin), keys::create),
         at("/v1/keys/{key_id}").get(May(Admin), keys::read).delete(May(Admin), keys::revoke),
+        at("/v1/audit").get(May(Admin), audit::list),
         at("/v1/models").get(AnyKey, models::list).post(May(Train), models::create),
         at("/v1/models/{model}").get(AnyKey, models::read),
         at("/v1/models/{model}/pause").post(May(Train), models::pause),

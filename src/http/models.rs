@@ -20,7 +20,7 @@ use super::problem::{Code, Problem};
 use super::query::Page;
 use crate::consolidation::Method;
 use crate::lineage::{Model, ModelName};
-use crate::store::model;
+use crate::store::{Actor, model};
 
 /// The body of a creation.
 #[derive(Debug, Deserialize)]
@@ -61,6 +61,7 @@ fn answer(status: StatusCode, model: &Model) -> Answer {
 /// `POST /v1/models`
 pub(super) async fn create(
     State(app): State<Arc<AppState>>,
+    by: Actor,
     request: Repeatable,
     JsonBody { value: new, request_sha256 }: JsonBody<NewModel>,
 ) -> Result<Answer, Problem> {
@@ -72,7 +73,7 @@ pub(super) async fn create(
     }
     let settings = app.model_defaults.overridden(&new.settings)?;
     settings.check_for(new.method)?;
-    let mut tx = app.store.begin().await?;
+    let mut tx = app.store.begin_for(&by).await?;
     let Some(model) = model::create(&mut tx, &new.model, new.method, &settings).await? else {
         return Err(Code::ModelExists.because(format!("a model is already called {}", new.model)));
     };
@@ -95,17 +96,25 @@ pub(super) async fn read(ModelAt(model): ModelAt) -> Answer {
 }
 
 /// `POST /v1/models/{model}/pause`
-pub(super) async fn pause(State(app): State<Arc<AppState>>, ModelAt(model): ModelAt) -> Result<Answer, Problem> {
-    set_paused(&app, &model, true).await
+pub(super) async fn pause(
+    State(app): State<Arc<AppState>>,
+    ModelAt(model): ModelAt,
+    by: Actor,
+) -> Result<Answer, Problem> {
+    set_paused(&app, &model, &by, true).await
 }
 
 /// `POST /v1/models/{model}/resume`
-pub(super) async fn resume(State(app): State<Arc<AppState>>, ModelAt(model): ModelAt) -> Result<Answer, Problem> {
-    set_paused(&app, &model, false).await
+pub(super) async fn resume(
+    State(app): State<Arc<AppState>>,
+    ModelAt(model): ModelAt,
+    by: Actor,
+) -> Result<Answer, Problem> {
+    set_paused(&app, &model, &by, false).await
 }
 
-async fn set_paused(app: &AppState, model: &Model, paused: bool) -> Result<Answer, Problem> {
-    let mut tx = app.store.begin().await?;
+async fn set_paused(app: &AppState, model: &Model, by: &Actor, paused: bool) -> Result<Answer, Problem> {
+    let mut tx = app.store.begin_for(by).await?;
     let model = model::set_paused(&mut tx, model.model_id, paused).await?;
     tx.commit().await.map_err(Problem::internal)?;
     if paused {

@@ -63,6 +63,7 @@ pub enum Code {
     NoEventAccepted,
     BatchRetracted,
     IdempotencyMismatch,
+    RateLimited,
     Internal,
     NotAvailable,
     Busy,
@@ -73,7 +74,7 @@ pub enum Code {
 
 impl Code {
     /// Every code, for the contract test.
-    pub const ALL: [Self; 45] = [
+    pub const ALL: [Self; 46] = [
         Self::MalformedJson,
         Self::TruncatedBody,
         Self::MalformedBody,
@@ -113,6 +114,7 @@ impl Code {
         Self::NoEventAccepted,
         Self::BatchRetracted,
         Self::IdempotencyMismatch,
+        Self::RateLimited,
         Self::Internal,
         Self::NotAvailable,
         Self::Busy,
@@ -171,6 +173,7 @@ impl Code {
             Self::IdempotencyMismatch => {
                 ("idempotency_mismatch", S::UNPROCESSABLE_ENTITY, "The Idempotency-Key belongs to another request")
             }
+            Self::RateLimited => ("rate_limited", S::TOO_MANY_REQUESTS, "The key asks too often"),
             Self::Internal => ("internal", S::INTERNAL_SERVER_ERROR, "Something went wrong here"),
             Self::NotAvailable => ("not_available", S::NOT_IMPLEMENTED, "Not available in this release"),
             Self::Busy => ("busy", S::SERVICE_UNAVAILABLE, "Too many requests of this kind at once"),

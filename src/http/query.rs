@@ -62,22 +62,30 @@ impl FromRequestParts<Arc<AppState>> for Page {
     type Rejection = Problem;
 
     async fn from_request_parts(parts: &mut Parts, app: &Arc<AppState>) -> Result<Self, Problem> {
-        let Query(query) = Query::<PageQuery>::from_request_parts(parts, app).await?;
-        let size = query.page_size.unwrap_or(app.settings.page_size);
+        let Query(PageQuery { page_size, page_token }) = Query::<PageQuery>::from_request_parts(parts, app).await?;
+        Self::new(page_size, page_token.as_deref(), app)
+    }
+}
+
+impl Page {
+    /// The page of this size (else the server's) after the one that gave this token (else the first).
+    ///
+    /// # Errors
+    /// Names the parameter that cannot be used.
+    pub(super) fn new(size: Option<u32>, token: Option<&str>, app: &AppState) -> Result<Self, Problem> {
+        let size = size.unwrap_or(app.settings.page_size);
         if size == 0 {
             let error = InputError::parameter("page_size", "out_of_range", "at least 1");
             return Err(Code::InvalidQuery.because("page_size must be at least 1").with_error(error));
         }
-        let after = query.page_token.as_deref().map_or(Some(0), from_token).ok_or_else(|| {
+        let after = token.map_or(Some(0), from_token).ok_or_else(|| {
             let error =
                 InputError::parameter("page_token", "unknown_token", "a next_page_token of this list is needed");
             Code::InvalidQuery.because("page_token was not given by this list").with_error(error)
         })?;
         Ok(Self { after, size: size.min(app.settings.page_size_max) })
     }
-}
 
-impl Page {
     /// How many rows to ask the store for: one more than the page holds, to know whether there is a next.
     #[must_use]
     pub(super) fn fetch(&self) -> u32 {

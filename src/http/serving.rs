@@ -13,7 +13,6 @@ use super::AppState;
 use super::answer::Answer;
 use super::body::JsonBody;
 use super::etag::{check_if_match, etag};
-use super::gate::Caller;
 use super::idempotency::Repeatable;
 use super::path::{ModelAt, task_id};
 use super::problem::{Code, InputError, Problem};
@@ -23,7 +22,7 @@ use crate::lineage::Model;
 use crate::predictor::PredictError;
 use crate::store::history::HistoryEntry;
 use crate::store::live::{self, MoveRefused, MoveRequest, Moved};
-use crate::store::{WriteTransaction, model};
+use crate::store::{Actor, WriteTransaction, model};
 
 /// Longest reason, in bytes.
 const MAX_REASON_BYTES: usize = 1024;
@@ -57,7 +56,7 @@ enum Direction {
 pub(super) async fn promote(
     State(app): State<Arc<AppState>>,
     ModelAt(model): ModelAt,
-    caller: Caller,
+    by: Actor,
     headers: HeaderMap,
     request: Repeatable,
     JsonBody { value, request_sha256 }: JsonBody<Promotion>,
@@ -65,9 +64,8 @@ pub(super) async fn promote(
     if let Some(answer) = request.recall(request_sha256).await? {
         return Ok(answer);
     }
-    let actor = caller.name();
-    let wish = wish(Some(value.version), &value.reason, &actor)?;
-    let (tx, moved, answer) = make_move(&app, Direction::Promote, &model, &headers, &wish).await?;
+    let wish = wish(Some(value.version), &value.reason, &by.name)?;
+    let (tx, moved, answer) = make_move(&app, Direction::Promote, &model, &headers, (&wish, &by)).await?;
     finish(&app, &model, tx, &request, request_sha256, &moved, &answer).await?;
     Ok(answer)
 }
@@ -76,7 +74,7 @@ pub(super) async fn promote(
 pub(super) async fn rollback(
     State(app): State<Arc<AppState>>,
     ModelAt(model): ModelAt,
-    caller: Caller,
+    by: Actor,
     headers: HeaderMap,
     request: Repeatable,
     JsonBody { value, request_sha256 }: JsonBody<Rollback>,
@@ -84,9 +82,8 @@ pub(super) async fn rollback(
     if let Some(answer) = request.recall(request_sha256).await? {
         return Ok(answer);
     }
-    let actor = caller.name();
-    let wish = wish(value.version, &value.reason, &actor)?;
-    let (tx, moved, answer) = make_move(&app, Direction::Rollback, &model, &headers, &wish).await?;
+    let wish = wish(value.version, &value.reason, &by.name)?;
+    let (tx, moved, answer) = make_move(&app, Direction::Rollback, &model, &headers, (&wish, &by)).await?;
     finish(&app, &model, tx, &request, request_sha256, &moved, &answer).await?;
     Ok(answer)
 }
@@ -105,10 +102,10 @@ async fn make_move(
     direction: Direction,
     model: &Model,
     headers: &HeaderMap,
-    wish: &MoveRequest<'_>,
+    (wish, by): (&MoveRequest<'_>, &Actor),
 ) -> Result<(WriteTransaction, Moved, Answer), Problem> {
     refuse_corrupt(app, model, direction, wish).await?;
-    let mut tx = app.store.begin().await?;
+    let mut tx = app.store.begin_for(by).await?;
     check_if_match(headers, &model::get(&mut tx, model.model_id).await?)?;
     let now = Timestamp::now();
     let moved = match direction {

@@ -20,6 +20,7 @@ use super::path::{ModelAt, TaskAt, batch_id, parse_id, task_id};
 use super::problem::{Code, InputError, Problem};
 use super::query::{Page, Query};
 use crate::lineage::{Model, RegimeName, Task, TaskState};
+use crate::store::Actor;
 use crate::store::selection::{self, NoTask, Selection, TaskRequest};
 use crate::store::task::{self, Cancelled};
 
@@ -99,6 +100,7 @@ pub(super) async fn find(app: &AppState, model: &Model, task: i64) -> Result<Tas
 pub(super) async fn create(
     State(app): State<Arc<AppState>>,
     ModelAt(model): ModelAt,
+    by: Actor,
     request: Repeatable,
     JsonBody { value: new, request_sha256 }: JsonBody<NewTask>,
 ) -> Result<Answer, Problem> {
@@ -106,7 +108,7 @@ pub(super) async fn create(
         return Ok(answer);
     }
     let wish = wish(&model, new)?;
-    let mut tx = app.store.begin().await?;
+    let mut tx = app.store.begin_for(&by).await?;
     let made = selection::create_tasks(&mut tx, model.model_id, &wish, Timestamp::now()).await?;
     let made = made.map_err(|refused| refusal(&wish, &refused))?;
     let first = *made.first().ok_or_else(|| Problem::internal("a request made no task and was not refused"))?;
@@ -225,8 +227,9 @@ pub(super) async fn cancel(
     State(app): State<Arc<AppState>>,
     ModelAt(model): ModelAt,
     TaskAt(task): TaskAt,
+    by: Actor,
 ) -> Result<Answer, Problem> {
-    let mut tx = app.store.begin().await?;
+    let mut tx = app.store.begin_for(&by).await?;
     match task::cancel(&mut tx, model.model_id, task, Timestamp::now()).await? {
         Cancelled::AtOnce | Cancelled::Requested => {}
         Cancelled::AlreadyEnded(state) => {

@@ -14,7 +14,7 @@ use super::path::{ModelAt, VersionAt, task_id};
 use super::problem::{Code, InputError, Problem};
 use super::query::Page;
 use crate::lineage::{Model, RegimeEvaluation, ServedMeasures, TestMeasures, Version};
-use crate::store::{StoreError, version};
+use crate::store::{Actor, StoreError, version};
 
 /// Longest note, in bytes.
 const MAX_NOTE_BYTES: usize = 4096;
@@ -95,6 +95,7 @@ pub(super) async fn annotate(
     State(app): State<Arc<AppState>>,
     ModelAt(model): ModelAt,
     VersionAt(version): VersionAt,
+    by: Actor,
     JsonBody { value: Note { note }, .. }: JsonBody<Note>,
 ) -> Result<Answer, Problem> {
     if note.as_ref().is_some_and(|note| note.len() > MAX_NOTE_BYTES) {
@@ -103,7 +104,7 @@ pub(super) async fn annotate(
             .because("the note is too long")
             .with_error(InputError::at("/note", "too_long", detail)));
     }
-    let mut tx = app.store.begin().await?;
+    let mut tx = app.store.begin_for(&by).await?;
     if !version::set_note(&mut tx, model.model_id, version, note.as_deref(), Timestamp::now()).await? {
         return Err(missing(model.name.as_str(), version));
     }

@@ -6,7 +6,7 @@ use super::decode::{Arrivals, Decoding};
 use super::receipt::{Receipt, Summary};
 use super::{IngestError, IngestSettings, Upload};
 use crate::store::batch::{self, BatchOutcome, NewBatch};
-use crate::store::{Store, WriteTransaction, event, rejection};
+use crate::store::{Actor, Store, WriteTransaction, event, rejection};
 
 /// An upload that is stored as soon as its transaction is committed.
 #[derive(Debug)]
@@ -17,12 +17,17 @@ pub struct Received {
     pub receipt: Receipt,
 }
 
-/// Decodes, checks and stores an upload in one transaction, which is left to the caller to commit. A body whose events
+/// Decodes, checks and stores an upload in one transaction in the name of `by`, which is left to the caller to commit. A body whose events
 /// are all refused is a batch too: of rejections.
 ///
 /// # Errors
 /// When the body as a whole or an option cannot be used, or the database fails; nothing is stored then.
-pub async fn receive(store: &Store, upload: Upload, settings: &IngestSettings) -> Result<Received, IngestError> {
+pub async fn receive(
+    store: &Store,
+    by: &Actor,
+    upload: Upload,
+    settings: &IngestSettings,
+) -> Result<Received, IngestError> {
     let conversion = upload.options.conversion()?;
     let now = upload.received_at;
     let new = NewBatch {
@@ -46,7 +51,7 @@ pub async fn receive(store: &Store, upload: Upload, settings: &IngestSettings) -
             None => over = true,
         }
     }
-    let mut transaction = store.begin().await?;
+    let mut transaction = store.begin_for(by).await?;
     let batch_id = batch::begin(&mut transaction, &new).await?;
     let mut writer = Writer::new(new.model_id, batch_id, now, settings.max_listed_rejections);
     for arrivals in buffer {

@@ -9,6 +9,7 @@ use super::*;
 use crate::consolidation::Method;
 use crate::formats::{Encoding, Format, FormatError, Preset};
 use crate::lineage::{EventCounts, ModelSettings, RegimeRule};
+use crate::store::Actor;
 use crate::store::fixture::{Fixture, now, regime};
 use crate::store::retract::retract;
 
@@ -46,7 +47,7 @@ async fn receive_with(
         body,
         received_at: now(),
     };
-    receive(&fixture.store, upload, settings).await
+    receive(&fixture.store, &Actor::local(), upload, settings).await
 }
 
 async fn stored(fixture: &Fixture, model_id: i64, body: String) -> Receipt {
@@ -157,7 +158,7 @@ async fn what_an_upload_says_counts_where_an_event_says_nothing() {
         body: spool(stream::iter([Ok::<_, ()>(Bytes::from(body))]), &settings).await.unwrap(),
         received_at: now(),
     };
-    let summary = receive(&fixture.store, upload, &settings).await.unwrap().receipt.summary;
+    let summary = receive(&fixture.store, &Actor::local(), upload, &settings).await.unwrap().receipt.summary;
     assert_eq!(summary.regimes, [("fast".to_owned(), 1), ("slow".to_owned(), 1)].into());
     assert_eq!(summary.splits, [("test", 1), ("validation", 1)].into());
     assert_eq!((summary.steps, summary.mean_speed_mps), (30, Some(SpeedRange { min: 8.0, max: 10.0 })));

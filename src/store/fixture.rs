@@ -40,6 +40,7 @@ impl Fixture {
             busy_timeout_s: 5.0,
             writer_wait_s: 5.0,
             statement_cache: 64,
+            audit_entries: 1000,
         }
     }
 

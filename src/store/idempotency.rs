@@ -116,6 +116,7 @@ mod tests {
             busy_timeout_s: 5.0,
             writer_wait_s: 5.0,
             statement_cache: 16,
+            audit_entries: 1000,
         })
         .await
         .unwrap();

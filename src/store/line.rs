@@ -183,7 +183,14 @@ mod tests {
             query(statement).execute(&pool).await.unwrap();
         }
         pool.close().await;
-        let settings = StoreSettings { path, readers: 1, busy_timeout_s: 5.0, writer_wait_s: 5.0, statement_cache: 16 };
+        let settings = StoreSettings {
+            path,
+            readers: 1,
+            busy_timeout_s: 5.0,
+            writer_wait_s: 5.0,
+            statement_cache: 16,
+            audit_entries: 1000,
+        };
         let store = Store::open(&settings).await.unwrap();
         let evaluation = store.evaluation(1, 1).await.unwrap().remove(0);
         assert_eq!(evaluation.measures.unwrap().spacing_mse, 2.5);

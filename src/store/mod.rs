@@ -3,6 +3,8 @@
 //! One connection writes, always inside `BEGIN IMMEDIATE` (a deferred read-then-write fails at once when another writer
 //! got in between, and ignores the busy timeout); a pool of read-only connections reads.
 
+/// Who did what.
+pub mod audit;
 /// Batches: beginning, ending and reading them.
 pub mod batch;
 mod census;
@@ -48,6 +50,7 @@ use std::path::Path;
 use sqlx::sqlite::{SqliteConnectOptions, SqliteJournalMode, SqlitePoolOptions, SqliteSynchronous};
 use sqlx::{Sqlite, SqlitePool, Transaction};
 
+pub use audit::Actor;
 pub use census::ModelCensus;
 pub use error::{Part, StoreError};
 pub use ledger::LedgerEvent;
@@ -81,12 +84,17 @@ impl Store {
             .foreign_keys(true)
             .busy_timeout(std::time::Duration::from_secs_f64(settings.busy_timeout_s))
             .statement_cache_capacity(settings.statement_cache);
+        // What the writer notes changes with is of this release's tables, so these are made first.
+        let first = SqlitePoolOptions::new().max_connections(1);
+        let first = first.connect_with(options.clone().create_if_missing(true)).await?;
+        sqlx::migrate!("./migrations").run(&first).await?;
+        first.close().await;
         let writer = SqlitePoolOptions::new()
             .max_connections(1)
             .acquire_timeout(std::time::Duration::from_secs_f64(settings.writer_wait_s))
-            .connect_with(options.clone().create_if_missing(true))
+            .after_connect(|connection, _| Box::pin(audit::prepare(connection)))
+            .connect_with(options.clone())
             .await?;
-        sqlx::migrate!("./migrations").run(&writer).await?;
         let readers = SqlitePoolOptions::new()
             .max_connections(settings.readers)
             .connect_with(options.pragma("query_only", "on"))
@@ -94,20 +102,32 @@ impl Store {
         let store = Self { writer, readers, damage: damage::Damage::default(), _lock: lock };
         let mut transaction = store.begin().await?;
         seal::seal(&mut transaction).await?;
+        audit::bound(&mut transaction, settings.audit_entries).await?;
         transaction.commit().await?;
         Ok(store)
     }
 
-    /// Waits for the writer and begins a write transaction.
+    /// Waits for the writer and begins a write transaction of the server's own.
     ///
     /// # Errors
     /// When the database cannot be written, or other changes take longer than `writer_wait_s`.
     pub async fn begin(&self) -> Result<WriteTransaction, StoreError> {
-        self.writer.begin_with("begin immediate").await.map_err(|error| match error {
+        self.begin_for(&Actor::server()).await
+    }
+
+    /// Waits for the writer and begins a write transaction in the name of `actor`.
+    ///
+    /// # Errors
+    /// When the database cannot be written, or other changes take longer than `writer_wait_s`.
+    pub async fn begin_for(&self, actor: &Actor) -> Result<WriteTransaction, StoreError> {
+        let begun = self.writer.begin_with("begin immediate").await;
+        let mut transaction = begun.map_err(|error| match error {
             sqlx::Error::PoolTimedOut => StoreError::Busy,
             error if is_locked(&error) => StoreError::Busy,
             error => error.into(),
-        })
+        })?;
+        audit::act(&mut transaction, actor).await?;
+        Ok(transaction)
     }
 
     /// Closes every connection; the write-ahead log is folded back into the database.
@@ -148,6 +168,7 @@ mod tests {
             busy_timeout_s: 5.0,
             writer_wait_s: 0.5,
             statement_cache: 16,
+            audit_entries: 1000,
         };
         let store = Store::open(&settings).await.unwrap();
         let writing = store.begin().await.unwrap();

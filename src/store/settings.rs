@@ -19,17 +19,20 @@ pub struct StoreSettings {
     pub writer_wait_s: f64,
     /// Prepared statements kept per connection.
     pub statement_cache: usize,
+    /// Entries of the audit log that are kept.
+    pub audit_entries: u32,
 }
 
 impl StoreSettings {
     /// Every number, and the range it must lie in.
     #[must_use]
-    pub fn numbers(&self) -> [(&'static str, f64, RangeInclusive<f64>); 4] {
+    pub fn numbers(&self) -> [(&'static str, f64, RangeInclusive<f64>); 5] {
         [
             ("readers", self.readers.into(), 1.0..=256.0),
             ("busy_timeout_s", self.busy_timeout_s, 0.0..=3600.0),
             ("writer_wait_s", self.writer_wait_s, 0.01..=86_400.0),
             ("statement_cache", self.statement_cache as f64, 1.0..=100_000.0),
+            ("audit_entries", self.audit_entries.into(), 1000.0..=1e9),
         ]
     }
 }

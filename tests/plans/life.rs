@@ -126,5 +126,7 @@ async fn manage_keys(server: &mut Server) {
     server.get("/v1/keys").await.expect(200);
     let path = format!("/v1/keys/{}", &key[3..19]);
     server.get(&path).await.expect(200);
+    server.get("/v1/audit").await.expect(200);
+    server.get("/v1/audit?model=ewc").await.expect(200);
     server.send(server.request(Method::DELETE, &path)).await.expect(200);
 }

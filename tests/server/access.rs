@@ -253,3 +253,40 @@ async fn the_history_names_the_key_that_moved_a_version() {
     assert_eq!(actors, ["policy", "local", &server.key.as_ref().unwrap()[3..19]]);
     server.stop().await;
 }
+
+#[tokio::test]
+async fn a_key_that_asks_too_often_is_told_how_long_to_wait() {
+    let limits = "[access]\nrate_window_s = 86400\nrate_requests = 3\nrate_predictions = 2";
+    let mut server = Server::start_with(limits).await;
+    for _ in 0..5 {
+        let free = server.get("/v1/models").await.expect(200);
+        assert_eq!(free.header("ratelimit"), "", "without keys nothing is counted");
+    }
+    server.close_gate().await;
+    let other = server.make_key(&json!({"scopes": ["predict"]})).await;
+    let mut told = Vec::new();
+    for _ in 0..2 {
+        let answer = server.get("/v1/models/nobody").await.expect(404);
+        assert_eq!(answer.header("ratelimit-policy"), r#""default";q=3;w=86400"#);
+        told.push(answer.header("ratelimit").to_owned());
+    }
+    assert_eq!(told, [r#""default";r=1;t=57600"#, r#""default";r=0;t=86400"#]);
+    let refused = server.get("/v1/models").await.expect_problem(429, "rate_limited");
+    assert_eq!(refused.header("ratelimit-policy"), r#""default";q=3;w=86400"#);
+    assert_eq!(refused.header("ratelimit"), r#""default";r=0;t=86400"#);
+    let wait_s: u32 = refused.header("retry-after").parse().unwrap();
+    assert!((1..=28_800).contains(&wait_s), "{wait_s}");
+    // Predictions are counted apart, and both ways to them together; another key for itself; health checks never.
+    let body = json!({"windows": [window(5, 9.0)]});
+    server.post("/v1/models/default/predict", &body).await.expect(409);
+    server.post("/v1/models/d%65fault/predict", &body).await.expect(409);
+    for path in ["/v1/models/default/predict", "/v1/models/d%65fault/predict"] {
+        let refused = server.post(path, &body).await.expect_problem(429, "rate_limited");
+        assert_eq!(refused.header("ratelimit"), r#""predict";r=0;t=86400"#);
+    }
+    server.get("/healthz").await.expect(200);
+    server.key = Some(other);
+    server.get("/v1/models").await.expect(200);
+    server.post("/v1/models/default/predict", &body).await.expect(409);
+    server.stop().await;
+}

@@ -7,6 +7,8 @@ mod support;
 
 /// What is asked with which key.
 mod access;
+/// Who changed what.
+mod audit;
 /// Retracting, listing, reading batches.
 mod batches;
 /// The router and `api/openapi.yaml` say the same.

@@ -9,8 +9,8 @@ use serde_json::{Value, json};
 use crate::access::{Issued, KeyId, KeyWish};
 use crate::config::{Config, Layer};
 use crate::http::key_body;
-use crate::store::Store;
 use crate::store::keys::{self, Revoked};
+use crate::store::{Actor, Store};
 
 /// Keys read at once.
 const PAGE: u32 = 1000;
@@ -44,7 +44,7 @@ impl Database {
 
     pub(super) async fn create(&self, wish: &KeyWish) -> anyhow::Result<Value> {
         let (issued, now) = (Issued::draw()?, Timestamp::now());
-        let mut transaction = self.store.begin().await?;
+        let mut transaction = self.store.begin_for(&Actor::local()).await?;
         let key = keys::create(&mut transaction, &issued, wish, self.max_keys, now).await??;
         transaction.commit().await?;
         let mut made = key_body(&key, now);
@@ -65,7 +65,7 @@ impl Database {
     pub(super) async fn revoke(&self, key_id: &str, force: bool) -> anyhow::Result<Value> {
         let now = Timestamp::now();
         let id = KeyId::parse(key_id).with_context(|| format!("{key_id:?} is no key's id: 16 hexadecimal digits"))?;
-        let mut transaction = self.store.begin().await?;
+        let mut transaction = self.store.begin_for(&Actor::local()).await?;
         match keys::revoke(&mut transaction, id, force, now).await? {
             Revoked::Done(key) => {
                 transaction.commit().await?;

@@ -164,9 +164,9 @@ async fn perform(command: Command) -> anyhow::Result<()> {
             keys.close().await;
             let (revoked, mut out) = (revoked?, std::io::stdout().lock());
             if whose.json {
-                writeln!(out, "{revoked}")?
+                writeln!(out, "{revoked}")?;
             } else {
-                writeln!(out, "{key_id} is revoked")?
+                writeln!(out, "{key_id} is revoked")?;
             }
             Ok(())
         }
