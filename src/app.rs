@@ -17,7 +17,7 @@ use tokio::task::JoinHandle;
 use tokio::time::{Instant, timeout_at};
 
 use crate::config::Config;
-use crate::http::{AppState, Evaluator, InFlight, Interface, RequestIds, connections, tally};
+use crate::http::{AppState, Evaluator, InFlight, Interface, RequestIds, Tls, connections, tally};
 use crate::predictor::{Predictor, TrialSettings};
 use crate::scheduler::{Scheduler, Training, step_back};
 use crate::store::Store;
@@ -39,10 +39,14 @@ pub async fn serve(
     let (stop, stopping) = watch::channel(false);
     let background = Background::start()?;
     let address = listener.local_addr().context("the listener has no address")?;
+    let tls = Tls::load(&config.server.tls)?;
     let state = assemble(config, address, stopping.clone()).await?;
     let scheduler = state.scheduler.clone();
     let store = Arc::clone(&state.store);
-    let mut parts = Parts::start(listener, state, stopping, &background);
+    if let Some(tls) = &tls {
+        background.spawn(tls.follow()?);
+    }
+    let mut parts = Parts::start(listener, tls, state, stopping, &background);
     tracing::info!(%address, database = %database.display(), "serving");
     ready(address).context("cannot say where the server listens")?;
     tokio::select! {
@@ -144,13 +148,14 @@ struct Parts {
 impl Parts {
     fn start(
         listener: TcpListener,
+        tls: Option<Arc<Tls>>,
         state: Arc<AppState>,
         stopping: watch::Receiver<bool>,
         background: &Background,
     ) -> Self {
         let (scheduler, metrics) = (state.scheduler.clone(), state.metrics.clone());
         background.spawn(tidied(metrics));
-        let server = connections::serve(listener, Interface::new(Arc::clone(&state)), stopping);
+        let server = connections::serve(listener, tls, Interface::new(Arc::clone(&state)), stopping);
         Self {
             server: tokio::spawn(server),
             training: background.spawn(async move { scheduler.run().await }),

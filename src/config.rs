@@ -201,6 +201,7 @@ impl Config {
             model,
             log: section(table, "log").map_err(wrong)?,
         };
+        config.server.check().map_err(wrong)?;
         within("server", &config.server.numbers()).map_err(wrong)?;
         within("access", &config.access.numbers()).map_err(wrong)?;
         within("database", &config.database.numbers()).map_err(wrong)?;
@@ -322,6 +323,8 @@ mod tests {
             (Layer::one("--x", "server", "0"), "--x: server is a section"),
             (Layer::one("--x", "server.drain_s", "-1.0"), "--x: server.drain_s"),
             (Layer::one("--x", "server.listen", "localhost"), "--x: server.listen"),
+            (Layer::one("--x", "server.cors_origins", "[\"*\"]"), "--x: server.cors_origins"),
+            (Layer::one("--x", "server.tls.look_s", "0"), "--x: server.tls.look_s"),
         ] {
             let message = Config::resolve([layer]).unwrap_err().to_string();
             assert!(message.starts_with(named), "{message}");

@@ -60,6 +60,12 @@ impl KeyTable {
         self.0.is_empty()
     }
 
+    /// Whether there is such a key, and it has not ended.
+    #[must_use]
+    pub fn is_active(&self, key_id: KeyId) -> bool {
+        self.0.get(&key_id).is_some_and(|entry| entry.key.state(Timestamp::now()) == KeyState::Active)
+    }
+
     /// The active key that `text` is.
     ///
     /// # Errors
@@ -136,6 +142,8 @@ mod tests {
         assert_eq!(told(active.reveal()), Ok(active.key_id));
         assert_eq!(told(expired.reveal()), Err(Unrecognised::Expired(past)));
         assert_eq!(told(revoked.reveal()), Err(Unrecognised::Revoked(past)));
+        let still = [&active, &expired, &revoked, &foreign].map(|key| table.is_active(key.key_id));
+        assert_eq!(still, [true, false, false, false]);
         for key in [&active, &expired, &revoked] {
             let forged = format!("hw_{}_{}", key.key_id, &foreign.reveal()[20..]);
             assert_eq!(told(&forged), Err(Unrecognised::Unknown));

@@ -25,6 +25,9 @@ pub(super) async fn gate(store: &Store, config: &Config, address: SocketAddr) ->
              one first: headway keys create --scope admin --database {database}"
         );
     }
+    if !address.ip().to_canonical().is_loopback() && !config.server.tls.is_on() {
+        tracing::warn!(%address, "keys are sent as they are: set server.tls, or put a proxy with TLS in front");
+    }
     Ok(gate)
 }
 

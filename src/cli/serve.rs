@@ -74,8 +74,9 @@ pub(super) fn run(arguments: &ServeArguments) -> anyhow::Result<()> {
         let listen = config.server.listen;
         let listener = TcpListener::bind(listen).await.with_context(|| format!("cannot listen on {listen}"))?;
         let signal = signals()?;
+        let scheme = config.server.tls.scheme();
         let announce = |address: SocketAddr| -> std::io::Result<()> {
-            writeln!(stdout, "listening on http://{address}")?;
+            writeln!(stdout, "listening on {scheme}://{address}")?;
             stdout.flush()
         };
         app::serve(listener, config, announce, signal).await

@@ -21,6 +21,7 @@ use super::path::model_named;
 use super::predict;
 use super::problem::{Code, Problem, RequestContext};
 use super::route::Needs;
+use super::shield::shield;
 use crate::access::{Class, Standing};
 
 /// Routes that may be called thousands of times a second: unless something is wrong, their log lines are for `debug`.
@@ -165,7 +166,9 @@ impl<'a> Observation<'a> {
         } else {
             self.span.in_scope(|| tracing::info!(status, elapsed_s, "answered"));
         }
-        answer.headers_mut().insert(REQUEST_ID, self.request_id);
+        let headers = answer.headers_mut();
+        headers.insert(REQUEST_ID, self.request_id);
+        shield(headers, self.app.settings.tls.is_on());
         answer
     }
 

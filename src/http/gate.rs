@@ -92,6 +92,12 @@ impl Gate {
         Ok(Admitted { caller: Caller(entry.map(|entry| Arc::clone(&entry.key))), standing })
     }
 
+    /// Whether somebody who was let in still would be, for what takes long: keys end meanwhile.
+    pub(super) fn still_admits(&self, caller: &Caller) -> bool {
+        let keys = self.keys.load();
+        caller.0.as_ref().map_or_else(|| keys.is_open(), |key| keys.is_active(key.key_id))
+    }
+
     /// As [`Self::admit`], where it does not matter who it is.
     ///
     /// # Errors

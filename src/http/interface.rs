@@ -10,6 +10,7 @@ use std::sync::Arc;
 
 use axum::Router;
 use axum::body::{Body, HttpBody};
+use axum::http::header::ORIGIN;
 use axum::http::request::Parts;
 use axum::http::{Method, Request};
 use axum::response::{IntoResponse, Response};
@@ -43,7 +44,9 @@ impl Interface {
         B::Error: Display + Into<axum::BoxError>,
     {
         let (parts, body) = request.into_parts();
-        if let Some(model) = predicted(&parts) {
+        // What a browser wants to know of pages elsewhere, the router says.
+        let from_page = !self.app.settings.cors_origins.is_empty() && parts.headers.contains_key(ORIGIN);
+        if let Some(model) = predicted(&parts).filter(|_| !from_page) {
             return self.predict(model, &parts, body).await;
         }
         let Ok(answer) = self.router.clone().oneshot(Request::from_parts(parts, Body::new(body))).await;

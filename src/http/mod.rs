@@ -51,10 +51,14 @@ mod route;
 /// Promote, rollback, history.
 mod serving;
 mod settings;
+/// What browsers are told.
+mod shield;
 /// Tasks counted as they end.
 pub mod tally;
 /// Learning on request.
 mod tasks;
+/// Encrypted connections.
+mod tls;
 /// What tasks made.
 mod versions;
 
@@ -77,6 +81,7 @@ pub use interface::Interface;
 pub use keys::body as key_body;
 pub use problem::Code;
 pub use settings::ServerSettings;
+pub use tls::{Tls, TlsSettings};
 
 use crate::access::Scope;
 use crate::ingest::IngestSettings;
@@ -179,14 +184,18 @@ pub fn needs() -> Vec<(&'static str, Method, Need)> {
 fn router(app: Arc<AppState>) -> Router {
     let (router, needs) = route::router(routes());
     let around = context::Around { app: Arc::clone(&app), needs: Arc::new(needs) };
-    router
+    let router = router
         .fallback(async |uri: Uri| Code::NotFound.because(format!("{} is not a path of this server", uri.path())))
         .method_not_allowed_fallback(async |method: Method| Code::MethodNotAllowed.because(format!("{method} is none")))
         .layer(CatchPanicLayer::custom(|payload: Box<dyn Any + Send>| panicked(&*payload).into_response()))
         .layer(from_fn_with_state(around, context::observe))
         // Bodies are bounded where they are read: JSON and uploads have limits of their own.
-        .layer(DefaultBodyLimit::disable())
-        .with_state(app)
+        .layer(DefaultBodyLimit::disable());
+    let router = match shield::cors(&app.settings.cors_origins) {
+        Some(cors) => router.layer(cors),
+        None => router,
+    };
+    router.with_state(app)
 }
 
 /// A 500 for a handler that panicked.

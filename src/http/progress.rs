@@ -12,6 +12,7 @@ use serde_json::json;
 use tokio::sync::{OwnedSemaphorePermit, watch};
 use tokio::time::{Interval, MissedTickBehavior, interval};
 
+use super::gate::Caller;
 use super::path::{ModelAt, TaskAt, task_id};
 use super::problem::{Code, Problem};
 use super::tasks;
@@ -24,12 +25,13 @@ pub(super) async fn watch(
     State(app): State<Arc<AppState>>,
     ModelAt(model): ModelAt,
     TaskAt(task): TaskAt,
+    caller: Caller,
 ) -> Result<Sse<impl Stream<Item = Result<Event, Infallible>>>, Problem> {
     let task = tasks::find(&app, &model, task).await?;
     let slot = Arc::clone(&app.stream_slots)
         .try_acquire_owned()
         .map_err(|_| Problem::busy(Code::Busy, "as many streams as the server keeps are open"))?;
-    let watcher = Watcher::new(app, model, &task, slot);
+    let watcher = Watcher::new(app, caller, model, &task, slot);
     let events = futures_util::stream::unfold(watcher, |mut watcher| async move {
         let event = watcher.next().await?;
         Some((Ok(event), watcher))
@@ -47,6 +49,7 @@ struct Watcher {
     /// Waits behind the last of the progress before it.
     behind: Option<Event>,
     app: Arc<AppState>,
+    caller: Caller,
     model: Model,
     task: i64,
     regime: RegimeName,
@@ -54,7 +57,7 @@ struct Watcher {
 }
 
 impl Watcher {
-    fn new(app: Arc<AppState>, model: Model, task: &Task, slot: OwnedSemaphorePermit) -> Self {
+    fn new(app: Arc<AppState>, caller: Caller, model: Model, task: &Task, slot: OwnedSemaphorePermit) -> Self {
         let mut timer = interval(Duration::from_secs_f64(app.settings.progress_interval_s));
         timer.set_missed_tick_behavior(MissedTickBehavior::Delay);
         let mut changes = app.scheduler.changes();
@@ -69,6 +72,7 @@ impl Watcher {
             told: None,
             behind: None,
             app,
+            caller,
             model,
             task: task.task_id,
             regime: task.regime.clone(),
@@ -76,7 +80,7 @@ impl Watcher {
         }
     }
 
-    /// The next event; `None` after a final state, or when the server stops.
+    /// The next event; `None` after a final state, when the key has ended, or when the server stops.
     async fn next(&mut self) -> Option<Event> {
         if self.behind.is_some() {
             return self.behind.take();
@@ -85,6 +89,9 @@ impl Watcher {
             return None;
         }
         loop {
+            if !self.app.gate.still_admits(&self.caller) {
+                return None;
+            }
             tokio::select! {
                 changed = self.changes.changed() => {
                     changed.ok()?;

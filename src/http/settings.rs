@@ -5,6 +5,8 @@ use std::ops::RangeInclusive;
 
 use serde::{Deserialize, Serialize};
 
+use super::tls::TlsSettings;
+
 /// What the server listens on and how much it takes at once.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -43,12 +45,31 @@ pub struct ServerSettings {
     pub idempotency_keep_s: u32,
     /// How long requests under way may take after the server was told to stop, s.
     pub drain_s: f64,
+    /// Origins of web pages whose scripts may use the interface; none: no page's.
+    pub cors_origins: Vec<String>,
+    /// Encryption.
+    pub tls: TlsSettings,
 }
 
 impl ServerSettings {
+    /// Checks what neither types nor ranges can.
+    ///
+    /// # Errors
+    /// Names the first setting that cannot be used.
+    pub fn check(&self) -> Result<(), String> {
+        let is_origin = |text: &&String| {
+            let host = text.strip_prefix("https://").or_else(|| text.strip_prefix("http://")).unwrap_or_default();
+            !host.is_empty() && host.bytes().all(|b| b.is_ascii_alphanumeric() || b"-.:[]".contains(&b))
+        };
+        match self.cors_origins.iter().find(|text| !is_origin(text)) {
+            Some(other) => Err(format!("server.cors_origins: {other:?} is no origin such as https://traffic.example")),
+            None => Ok(()),
+        }
+    }
+
     /// Every number, and the range it must lie in.
     #[must_use]
-    pub fn numbers(&self) -> [(&'static str, f64, RangeInclusive<f64>); 16] {
+    pub fn numbers(&self) -> [(&'static str, f64, RangeInclusive<f64>); 18] {
         [
             ("threads", self.threads as f64, 0.0..=1024.0),
             ("json_body_bytes", self.json_body_bytes as f64, 1.0..=1e9),
@@ -66,6 +87,8 @@ impl ServerSettings {
             ("wait_max_s", self.wait_max_s, 0.0..=86_400.0),
             ("idempotency_keep_s", self.idempotency_keep_s.into(), 0.0..=31_536_000.0),
             ("drain_s", self.drain_s, 0.0..=86_400.0),
+            ("tls.handshake_s", self.tls.handshake_s, 0.01..=3600.0),
+            ("tls.look_s", self.tls.look_s, 0.01..=86_400.0),
         ]
     }
 }

@@ -5,6 +5,7 @@ use jiff::{SignedDuration, Timestamp};
 use reqwest::Method;
 use serde_json::{Value, json};
 
+use crate::support::events::events;
 use crate::support::server::{Answer, Server};
 
 async fn revoke(server: &Server, key: &str, query: &str) -> Answer {
@@ -80,6 +81,22 @@ async fn the_server_stays_closed_when_every_key_has_ended() {
     let mut server = Server::start_in(directory, "").await;
     server.key = Some(text(&made.stdout).trim().to_owned());
     server.get("/v1/models").await.expect(200);
+    server.stop().await;
+}
+
+#[tokio::test]
+async fn a_stream_is_closed_when_its_key_is_revoked() {
+    let mut server = Server::start_with("[server]\nprogress_interval_s = 0.05").await;
+    server.post("/v1/models/default/pause", &json!({})).await.expect(200);
+    server.upload("default", "", &events("e", 3, 9.0)).await.expect(201);
+    server.post("/v1/models/default/tasks", &json!({"batches": "pending"})).await.expect(202);
+    server.close_gate().await;
+    let key = server.make_key(&json!({"scopes": ["train"]})).await;
+    let url = format!("{}/v1/models/default/tasks/t1/progress", server.url);
+    let mut stream = reqwest::Client::new().get(url).bearer_auth(&key).send().await.unwrap();
+    assert!(stream.chunk().await.unwrap().is_some(), "the task as it stands");
+    revoke(&server, &key, "").await.expect(200);
+    while stream.chunk().await.unwrap().is_some() {}
     server.stop().await;
 }
 

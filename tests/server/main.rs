@@ -11,6 +11,8 @@ mod access;
 mod audit;
 /// Retracting, listing, reading batches.
 mod batches;
+/// What browsers are told.
+mod browsers;
 /// The router and `api/openapi.yaml` say the same.
 mod contract;
 /// Damaged databases.
@@ -41,6 +43,8 @@ mod stopping;
 mod strength;
 /// Learning on request.
 mod tasks;
+/// Encrypted connections.
+mod tls;
 /// Each format, good and bad.
 mod uploads;
 /// What tasks made.

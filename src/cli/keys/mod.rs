@@ -47,6 +47,9 @@ struct Whose {
     /// The key that is shown to the server
     #[arg(long, value_name = "KEY", env = "HEADWAY_KEY", hide_env_values = true)]
     key: Option<String>,
+    /// Certificates (PEM) that vouch for the server's [default: those that the system trusts]
+    #[arg(long, value_name = "FILE", requires = "server")]
+    ca: Option<PathBuf>,
     /// Print JSON on stdout, as the server answers it
     #[arg(long)]
     json: bool,
@@ -101,7 +104,7 @@ enum Keys {
 impl Keys {
     async fn of(whose: &Whose, create: bool) -> anyhow::Result<Self> {
         match &whose.server {
-            Some(url) => Ok(Self::Server(Remote::new(url, whose.key.clone())?)),
+            Some(url) => Ok(Self::Server(Remote::new(url, whose.key.as_deref(), whose.ca.as_deref())?)),
             None => Database::open(whose.database.as_deref(), create).await.map(Self::Database),
         }
     }

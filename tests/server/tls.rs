@@ -1,0 +1,155 @@
+use std::io::{BufRead, BufReader};
+use std::path::Path;
+use std::process::{Child, Command, Output, Stdio};
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use rcgen::{CertifiedKey, generate_simple_self_signed};
+use serde_json::Value;
+use tempfile::TempDir;
+use tokio::io::{AsyncReadExt, AsyncWriteExt};
+use tokio::net::TcpStream;
+use tokio_rustls::TlsConnector;
+use tokio_rustls::client::TlsStream;
+use tokio_rustls::rustls::crypto::ring;
+use tokio_rustls::rustls::pki_types::pem::PemObject;
+use tokio_rustls::rustls::pki_types::{CertificateDer, ServerName};
+use tokio_rustls::rustls::{ClientConfig, RootCertStore};
+
+/// Writes a new certificate for this machine, and its key.
+fn certify(directory: &Path) {
+    let names = ["localhost".to_owned(), "127.0.0.1".to_owned()];
+    let CertifiedKey { cert, signing_key } = generate_simple_self_signed(names).unwrap();
+    std::fs::write(directory.join("certificate.pem"), cert.pem()).unwrap();
+    std::fs::write(directory.join("key.pem"), signing_key.serialize_pem()).unwrap();
+}
+
+/// The real binary, encrypted.
+struct Encrypted {
+    directory: TempDir,
+    child: Child,
+    url: String,
+}
+
+impl Drop for Encrypted {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+impl Encrypted {
+    fn start() -> Self {
+        let directory = tempfile::tempdir().unwrap();
+        certify(directory.path());
+        let file = |name: &str| directory.path().join(name).to_str().unwrap().to_owned();
+        let mut child = Command::new(env!("CARGO_BIN_EXE_headway"))
+            .args(["--listen", "127.0.0.1:0", "--database", &file("headway.db")])
+            .args(["--set", &format!("server.tls.certificate={}", file("certificate.pem"))])
+            .args(["--set", &format!("server.tls.key={}", file("key.pem"))])
+            .stdout(Stdio::piped())
+            .stderr(Stdio::null())
+            .spawn()
+            .unwrap();
+        let mut first = String::new();
+        BufReader::new(child.stdout.take().unwrap()).read_line(&mut first).unwrap();
+        let url = first.trim().strip_prefix("listening on ").unwrap().to_owned();
+        Self { directory, child, url }
+    }
+
+    fn keys(&self, arguments: &[&str]) -> Output {
+        let ca = self.directory.path().join("certificate.pem");
+        let mut command = Command::new(env!("CARGO_BIN_EXE_headway"));
+        command.env_remove("HEADWAY_KEY").arg("keys").args(arguments).args(["--server", &self.url, "--ca"]).arg(ca);
+        command.output().unwrap()
+    }
+
+    fn address(&self) -> &str {
+        self.url.strip_prefix("https://").unwrap()
+    }
+
+    /// A connection that trusts this certificate, or why there is none.
+    async fn connect(&self, trusted: &[u8]) -> std::io::Result<TlsStream<TcpStream>> {
+        let mut roots = RootCertStore::empty();
+        roots.add(CertificateDer::from_pem_slice(trusted).unwrap()).unwrap();
+        let config = ClientConfig::builder_with_provider(Arc::new(ring::default_provider()))
+            .with_safe_default_protocol_versions()
+            .unwrap()
+            .with_root_certificates(roots)
+            .with_no_client_auth();
+        let stream = TcpStream::connect(self.address()).await.unwrap();
+        TlsConnector::from(Arc::new(config)).connect(ServerName::try_from("localhost").unwrap(), stream).await
+    }
+}
+
+#[tokio::test]
+async fn connections_are_encrypted_with_the_certificate_from_a_file() {
+    let server = Encrypted::start();
+    assert!(server.url.starts_with("https://127.0.0.1:"), "{}", server.url);
+    let made = server.keys(&["create", "--scope", "admin"]);
+    assert!(made.status.success(), "{}", String::from_utf8_lossy(&made.stderr));
+    let key = String::from_utf8(made.stdout).unwrap();
+    let listed = server.keys(&["list", "--json", "--key", key.trim()]);
+    let listed: Value = serde_json::from_slice(&listed.stdout).unwrap();
+    assert_eq!(listed["keys"][0]["key_id"], key[3..19]);
+
+    let certificate = std::fs::read(server.directory.path().join("certificate.pem")).unwrap();
+    let mut stream = server.connect(&certificate).await.unwrap();
+    stream.write_all(b"GET /healthz HTTP/1.1\r\nhost: x\r\nconnection: close\r\n\r\n").await.unwrap();
+    let mut answer = String::new();
+    stream.read_to_string(&mut answer).await.unwrap();
+    assert!(answer.starts_with("HTTP/1.1 200 ") && answer.contains("strict-transport-security: max-age="), "{answer}");
+
+    // Who speaks plainly is told nothing.
+    let mut stream = TcpStream::connect(server.address()).await.unwrap();
+    stream.write_all(b"GET /healthz HTTP/1.1\r\nhost: x\r\n\r\n").await.unwrap();
+    let mut answer = Vec::new();
+    let _ = stream.read_to_end(&mut answer).await;
+    assert!(!answer.windows(4).any(|window| window == b"HTTP"), "{answer:?}");
+}
+
+#[tokio::test]
+async fn a_new_certificate_is_used_after_sighup_and_a_bad_one_is_not() {
+    let server = Encrypted::start();
+    let path = server.directory.path().join("certificate.pem");
+    let before = std::fs::read(&path).unwrap();
+    let hang_up = || {
+        let pid = server.child.id().to_string();
+        assert!(Command::new("kill").args(["-HUP", &pid]).status().unwrap().success());
+    };
+    std::fs::write(&path, "no certificate").unwrap();
+    hang_up();
+    server.connect(&before).await.unwrap();
+    certify(server.directory.path());
+    let after = std::fs::read(&path).unwrap();
+    assert_ne!(before, after);
+    hang_up();
+    let patience = Instant::now() + Duration::from_mins(1);
+    while server.connect(&after).await.is_err() {
+        assert!(Instant::now() < patience, "the new certificate is not used");
+    }
+    assert!(server.connect(&before).await.is_err(), "the certificate before is not used any more");
+}
+
+#[test]
+fn half_of_the_files_and_files_of_something_else_are_refused_at_the_start() {
+    let directory = tempfile::tempdir().unwrap();
+    certify(directory.path());
+    let file = |name: &str| directory.path().join(name).to_str().unwrap().to_owned();
+    let [certificate, key] = [file("certificate.pem"), file("key.pem")];
+    for (certificate, key, why) in [
+        (certificate.as_str(), "", "belong together"),
+        ("", key.as_str(), "belong together"),
+        (certificate.as_str(), certificate.as_str(), "no usable private key"),
+        (certificate.as_str(), "absent.pem", "cannot read absent.pem"),
+    ] {
+        let refused = Command::new(env!("CARGO_BIN_EXE_headway"))
+            .args(["--listen", "127.0.0.1:0", "--database", &file("headway.db")])
+            .args(["--set", &format!("server.tls.certificate={certificate}")])
+            .args(["--set", &format!("server.tls.key={key}")])
+            .output()
+            .unwrap();
+        let message = String::from_utf8(refused.stderr).unwrap();
+        assert!(!refused.status.success() && message.contains(why), "{message}");
+    }
+}
