@@ -13,6 +13,8 @@ use serde::{Deserialize, Serialize};
 use tracing_subscriber::EnvFilter;
 use tracing_subscriber::fmt;
 
+use crate::store::ModelCensus;
+
 /// How the log looks.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -122,6 +124,11 @@ fn describe() {
     describe_gauge!("headway_live_version", Unit::Count, "The version that serves; 0 when none does.");
     describe_gauge!("headway_serving_version", Unit::Count, "The version that answers; 0 when none does.");
     describe_gauge!("headway_corrupt_versions", Unit::Count, "Versions found corrupt since the server started.");
+    describe_gauge!(
+        "headway_live_version_tainted",
+        Unit::Count,
+        "1 when the version that serves has learned what was retracted later."
+    );
     describe_gauge!("headway_tasks", Unit::Count, "Tasks queued and running.");
 }
 
@@ -186,12 +193,14 @@ impl Metrics {
 
     /// How things stand with a model.
     #[expect(clippy::cast_precision_loss, reason = "Prometheus counts in f64")]
-    pub fn model_state(&self, model: &str, live: Option<i64>, queued: u64, running: u64) {
-        let model = model.to_owned();
+    pub fn model_state(&self, state: &ModelCensus) {
+        let model = state.name.clone();
         self.with(|| {
-            gauge!("headway_live_version", "model" => model.clone()).set(live.unwrap_or(0) as f64);
-            gauge!("headway_tasks", "model" => model.clone(), "state" => "queued").set(queued as f64);
-            gauge!("headway_tasks", "model" => model.clone(), "state" => "running").set(running as f64);
+            gauge!("headway_live_version", "model" => model.clone()).set(state.live.unwrap_or(0) as f64);
+            gauge!("headway_live_version_tainted", "model" => model.clone())
+                .set(f64::from(u8::from(state.live_tainted)));
+            gauge!("headway_tasks", "model" => model.clone(), "state" => "queued").set(state.queued as f64);
+            gauge!("headway_tasks", "model" => model.clone(), "state" => "running").set(state.running as f64);
         });
     }
 

@@ -18,6 +18,7 @@ use super::idempotency::Repeatable;
 use super::path::{BatchAt, ModelAt, batch_id, task_id};
 use super::problem::{Code, Problem, RequestContext};
 use super::query::{Page, Query};
+use super::tasks;
 use crate::access::Scope;
 use crate::ingest::{Receipt, Received, Upload, UploadOptions, receive};
 use crate::lineage::{Batch, EventCounts, Model};
@@ -186,17 +187,25 @@ pub(super) async fn retract(
         return Err(Code::NotAvailable.because("erasing stored events comes with a later release"));
     }
     let mut tx = app.store.begin_for(&by).await?;
-    match retract::retract(&mut tx, model.model_id, batch, Timestamp::now()).await? {
-        Retracted::Done { .. } | Retracted::Before => {}
-        Retracted::Unknown => {
-            return Err(Code::BatchNotFound.because(format!("{} has no batch {}", model.name, batch_id(batch))));
-        }
-        Retracted::Learned => {
-            return Err(Code::BatchLearned.because("a version learned it; unlearning comes with a later release"));
-        }
-        Retracted::Claimed => return Err(Code::BatchInUse.because("cancel the task, or let it end")),
-    }
+    let (stopped, replaying) =
+        match retract::retract(&mut tx, model.model_id, batch, &by.name, Timestamp::now()).await? {
+            Retracted::Done { stopped, .. } => (stopped, None),
+            Retracted::Replaying { task_id, stopped } => (stopped, Some(task_id)),
+            Retracted::Before { replaying } => (Vec::new(), replaying),
+            Retracted::Unknown => {
+                return Err(Code::BatchNotFound.because(format!("{} has no batch {}", model.name, batch_id(batch))));
+            }
+        };
     tx.commit().await.map_err(Problem::internal)?;
+    for task in stopped {
+        app.scheduler.cancel(task);
+    }
+    app.scheduler.wake();
+    if let Some(replay) = replaying {
+        let shown = tasks::body(&app, &model, &tasks::find(&app, &model, replay).await?);
+        let location = format!("/v1/models/{}/tasks/{}", model.name, task_id(replay));
+        return Ok(Answer::json(StatusCode::ACCEPTED, &shown).with_header(&LOCATION, location));
+    }
     let batch = find(&app, &model, batch).await?;
     let counts = app.store.batch_event_counts(batch.batch_id).await?;
     Ok(Answer::ok(&counted_body(&model, &batch, counts)))

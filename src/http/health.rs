@@ -42,7 +42,7 @@ pub(super) async fn ready(State(app): State<Arc<AppState>>, headers: HeaderMap) 
 /// Prometheus text.
 pub(super) async fn metrics(State(app): State<Arc<AppState>>) -> Result<impl IntoResponse, Problem> {
     for model in app.store.model_census().await? {
-        app.metrics.model_state(&model.name, model.live, model.queued, model.running);
+        app.metrics.model_state(&model);
         let (answering, corrupt) =
             (app.predictor.answering(model.model_id), app.store.corrupt_versions(model.model_id));
         app.metrics.integrity(&model.name, answering, corrupt);

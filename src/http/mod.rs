@@ -46,6 +46,8 @@ mod problem;
 mod progress;
 /// Query parameters and paging.
 mod query;
+/// What a replay came to.
+mod replay;
 /// A route and what it needs.
 mod route;
 /// Promote, rollback, history.

@@ -43,8 +43,7 @@ pub enum Code {
     NotAcceptable,
     BodyTimeout,
     ModelExists,
-    BatchLearned,
-    BatchInUse,
+    VersionTainted,
     NothingPending,
     TaskEnded,
     NoLiveVersion,
@@ -74,7 +73,7 @@ pub enum Code {
 
 impl Code {
     /// Every code, for the contract test.
-    pub const ALL: [Self; 46] = [
+    pub const ALL: [Self; 45] = [
         Self::MalformedJson,
         Self::TruncatedBody,
         Self::MalformedBody,
@@ -94,8 +93,7 @@ impl Code {
         Self::NotAcceptable,
         Self::BodyTimeout,
         Self::ModelExists,
-        Self::BatchLearned,
-        Self::BatchInUse,
+        Self::VersionTainted,
         Self::NothingPending,
         Self::TaskEnded,
         Self::NoLiveVersion,
@@ -147,8 +145,7 @@ impl Code {
             Self::NotAcceptable => ("not_acceptable", S::NOT_ACCEPTABLE, "No acceptable representation"),
             Self::BodyTimeout => ("body_timeout", S::REQUEST_TIMEOUT, "The body did not arrive in time"),
             Self::ModelExists => ("model_exists", S::CONFLICT, "The model's name is taken"),
-            Self::BatchLearned => ("batch_learned", S::CONFLICT, "The batch has been learned"),
-            Self::BatchInUse => ("batch_in_use", S::CONFLICT, "A queued or running task holds the batch"),
+            Self::VersionTainted => ("version_tainted", S::CONFLICT, "The version learned what was retracted"),
             Self::NothingPending => ("nothing_pending", S::CONFLICT, "No event waits to be learned"),
             Self::TaskEnded => ("task_ended", S::CONFLICT, "The task has ended"),
             Self::NoLiveVersion => ("no_live_version", S::CONFLICT, "The model has no live version"),

@@ -17,6 +17,7 @@ use super::idempotency::Repeatable;
 use super::path::{ModelAt, task_id};
 use super::problem::{Code, InputError, Problem};
 use super::query::Page;
+use super::replay::report_body;
 use super::versions;
 use crate::lineage::Model;
 use crate::predictor::PredictError;
@@ -33,9 +34,9 @@ const MAX_REASON_BYTES: usize = 1024;
 pub(super) struct Promotion {
     version: i64,
     reason: String,
-    /// Needed for tainted versions, of which this release makes none.
-    #[serde(default, rename = "force")]
-    _force: bool,
+    /// Needed for tainted versions.
+    #[serde(default)]
+    force: bool,
 }
 
 /// The body of a rollback.
@@ -44,6 +45,9 @@ pub(super) struct Promotion {
 pub(super) struct Rollback {
     version: Option<i64>,
     reason: String,
+    /// Needed for tainted versions.
+    #[serde(default)]
+    force: bool,
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -64,7 +68,7 @@ pub(super) async fn promote(
     if let Some(answer) = request.recall(request_sha256).await? {
         return Ok(answer);
     }
-    let wish = wish(Some(value.version), &value.reason, &by.name)?;
+    let wish = wish(Some(value.version), &value.reason, &by.name, value.force)?;
     let (tx, moved, answer) = make_move(&app, Direction::Promote, &model, &headers, (&wish, &by)).await?;
     finish(&app, &model, tx, &request, request_sha256, &moved, &answer).await?;
     Ok(answer)
@@ -82,19 +86,19 @@ pub(super) async fn rollback(
     if let Some(answer) = request.recall(request_sha256).await? {
         return Ok(answer);
     }
-    let wish = wish(value.version, &value.reason, &by.name)?;
+    let wish = wish(value.version, &value.reason, &by.name, value.force)?;
     let (tx, moved, answer) = make_move(&app, Direction::Rollback, &model, &headers, (&wish, &by)).await?;
     finish(&app, &model, tx, &request, request_sha256, &moved, &answer).await?;
     Ok(answer)
 }
 
-fn wish<'a>(version: Option<i64>, reason: &'a str, actor: &'a str) -> Result<MoveRequest<'a>, Problem> {
+fn wish<'a>(version: Option<i64>, reason: &'a str, actor: &'a str, force: bool) -> Result<MoveRequest<'a>, Problem> {
     if !(1..=MAX_REASON_BYTES).contains(&reason.len()) {
         let detail = format!("1 to {MAX_REASON_BYTES} bytes");
         let error = InputError::at("/reason", "out_of_range", detail);
         return Err(Code::InvalidBody.because("a reason is needed for the history").with_error(error));
     }
-    Ok(MoveRequest { version, reason, actor })
+    Ok(MoveRequest { version, reason, actor, force })
 }
 
 async fn make_move(
@@ -149,6 +153,7 @@ fn refusal(model: &Model, refused: MoveRefused) -> Problem {
     match refused {
         MoveRefused::UnknownVersion(version) => versions::missing(model.name.as_str(), version),
         MoveRefused::NothingLive => Code::NoLiveVersion.because(refused.to_string()),
+        MoveRefused::Tainted(_) => Code::VersionTainted.because(refused.to_string()),
         MoveRefused::NoParent(_) => Code::NoParentVersion.because(refused.to_string()),
     }
 }
@@ -189,6 +194,7 @@ fn body(entry: &HistoryEntry) -> Value {
         "head": entry.head,
         "reason": entry.reason,
         "actor": entry.actor,
+        "report": entry.report.as_ref().map(report_body),
     })
 }
 

@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 use std::sync::Arc;
 
 use super::AppState;
-use crate::lineage::Task;
+use crate::lineage::{Task, TaskKind};
 use crate::store::StoreError;
 
 /// Counts until the server stops, and then what ended meanwhile.
@@ -61,7 +61,8 @@ async fn record(app: &AppState, task: &Task) -> Result<(), StoreError> {
         (Some(started), Some(ended)) => ended.duration_since(started).unsigned_abs(),
         _ => std::time::Duration::ZERO,
     };
-    let events = version.map_or(0, |version| version.train_events);
+    // What a replay ends with was made by its parts.
+    let events = version.filter(|_| task.kind == TaskKind::Learn).map_or(0, |version| version.train_events);
     app.metrics.task_ended(model.name.as_str(), task.state.as_str(), elapsed, events);
     Ok(())
 }

@@ -19,7 +19,8 @@ use super::object::Object;
 use super::path::{ModelAt, TaskAt, batch_id, parse_id, task_id};
 use super::problem::{Code, InputError, Problem};
 use super::query::{Page, Query};
-use crate::lineage::{Model, RegimeName, Task, TaskState};
+use super::replay::report_body;
+use crate::lineage::{Model, RegimeName, ReplayPart, Task, TaskState};
 use crate::store::Actor;
 use crate::store::selection::{self, NoTask, Selection, TaskRequest};
 use crate::store::task::{self, Cancelled};
@@ -62,18 +63,34 @@ pub(super) struct Wait {
     wait_s: Option<f64>,
 }
 
+/// Share done, 0–1.
+fn share(app: &AppState, task_id: i64, state: TaskState, checkpointed: f64) -> f64 {
+    match state {
+        TaskState::Succeeded => 1.0,
+        TaskState::Running => app.scheduler.progress(task_id).map_or(checkpointed, |progress| progress.borrow().share),
+        _ => checkpointed,
+    }
+}
+
+/// Share done; of a replay, that of its parts and of its own measuring as one more.
+fn progress(app: &AppState, task: &Task) -> f64 {
+    let own = share(app, task.task_id, task.state, task.checkpointed);
+    let part = |part: &ReplayPart| {
+        let done = part.state.is_final();
+        if done { 1.0 } else { share(app, part.task_id, part.state, part.checkpointed) }
+    };
+    match task.state {
+        TaskState::Succeeded => own,
+        _ => (own + task.parts.iter().map(part).sum::<f64>()) / (1 + task.parts.len()) as f64,
+    }
+}
+
 /// A task as clients see it.
 pub(super) fn body(app: &AppState, model: &Model, task: &Task) -> Value {
-    let progress = match task.state {
-        TaskState::Succeeded => 1.0,
-        TaskState::Running => {
-            app.scheduler.progress(task.task_id).map_or(task.checkpointed, |progress| progress.borrow().share)
-        }
-        _ => task.checkpointed,
-    };
     json!({
         "task_id": task_id(task.task_id),
         "model": model.name,
+        "kind": task.kind,
         "state": task.state,
         "regime": task.regime,
         "stage": task.stage,
@@ -81,7 +98,11 @@ pub(super) fn body(app: &AppState, model: &Model, task: &Task) -> Value {
         "parent": task.parent,
         "version": task.version,
         "attempt": task.attempt,
-        "progress": progress,
+        "progress": progress(app, task),
+        "part_of": task.part_of.map(task_id),
+        "replays": task.replays,
+        "parts": task.parts.iter().map(|part| task_id(part.task_id)).collect::<Vec<_>>(),
+        "report": task.report.as_ref().map(report_body),
         "error": task.error,
         "settings": task.settings,
         "created_at": task.created_at.to_string(),
@@ -237,7 +258,15 @@ pub(super) async fn cancel(
         }
         Cancelled::Unknown => return find(&app, &model, task).await.map(|_| unreachable!("it is unknown")),
     }
+    // Of a replay nobody wants the rest either.
+    let parts: Vec<_> = task::get(&mut tx, task).await?.into_iter().flat_map(|task| task.parts).collect();
+    for part in &parts {
+        task::cancel(&mut tx, model.model_id, part.task_id, Timestamp::now()).await?;
+    }
     tx.commit().await.map_err(Problem::internal)?;
+    for part in &parts {
+        app.scheduler.cancel(part.task_id);
+    }
     app.scheduler.cancel(task);
     Ok(Answer::ok(&body(&app, &model, &find(&app, &model, task).await?)))
 }

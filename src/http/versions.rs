@@ -51,6 +51,7 @@ fn body(app: &AppState, model: &Model, version: &Version) -> Value {
         "importance": version.importance,
         "promotion": version.promotion,
         "corrupt": corrupt,
+        "tainted": version.tainted,
         "note": version.note,
         "created_at": version.created_at.to_string(),
     })

@@ -4,7 +4,7 @@ use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use super::RegimeName;
+use super::{RegimeName, ReplayPart, ReplayReport};
 
 /// Where a task stands. The last three are final.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
@@ -42,6 +42,16 @@ impl TaskState {
     }
 }
 
+/// What a task is for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum TaskKind {
+    /// Learns a stage.
+    Learn,
+    /// Comes after the tasks that learn a line again, and measures what came of them.
+    Replay,
+}
+
 /// Why a task failed.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct TaskError {
@@ -58,6 +68,8 @@ pub struct Task {
     pub task_id: i64,
     /// The model's row id.
     pub model_id: i64,
+    /// What it is for.
+    pub kind: TaskKind,
     /// Where it stands.
     pub state: TaskState,
     /// The regime it learns.
@@ -76,6 +88,14 @@ pub struct Task {
     pub attempt: u32,
     /// Share done at its last checkpoint, 0–1.
     pub checkpointed: f64,
+    /// The replay it is a part of.
+    pub part_of: Option<i64>,
+    /// Of a part: the version whose stage it learns again.
+    pub replays: Option<i64>,
+    /// Of a replay: its parts, in their order.
+    pub parts: Vec<ReplayPart>,
+    /// Of a replay that has ended: what came of it.
+    pub report: Option<ReplayReport>,
     /// Why it failed.
     pub error: Option<TaskError>,
     /// When it was asked for.

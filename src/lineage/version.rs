@@ -47,6 +47,8 @@ pub struct Version {
     pub weights_sha256: String,
     /// What the promotion policy decided.
     pub promotion: Promotion,
+    /// Whether it, or one it continues, learned what was retracted later.
+    pub tainted: bool,
     /// A person's remark.
     pub note: Option<String>,
     /// When the task ended.

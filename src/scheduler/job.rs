@@ -7,8 +7,8 @@ use super::handle::Scheduler;
 use super::observer::JobObserver;
 use super::running::{Running, StopReason};
 use super::stage::Stage;
-use super::{search, verdict};
-use crate::lineage::{StrengthSearch, Task, TaskError};
+use super::{replay, search, verdict};
+use crate::lineage::{StrengthSearch, Task, TaskError, TaskKind};
 use crate::store::outcome::{self, Finished, Overtaken};
 use crate::store::{StoreError, task};
 use crate::training::{LearnError, Learned};
@@ -30,17 +30,16 @@ async fn settle(
     scheduler: &Scheduler,
     task_id: i64,
     running: &Running,
-    end: Result<Finished, JobError>,
+    end: Result<(), JobError>,
 ) -> Result<(), StoreError> {
     let now = (scheduler.0.clock)();
-    let error = match end {
-        Ok(Finished { version, live }) => {
-            tracing::info!(task_id, version, live, "a task succeeded");
-            return Ok(());
-        }
-        Err(error) => error,
-    };
+    let Err(error) = end else { return Ok(()) };
     let mut transaction = scheduler.0.store.begin().await?;
+    if !task::is_running(&mut transaction, task_id).await? {
+        // It ended, or begins again: with other events, or where the head is now.
+        tracing::info!(task_id, %error, "a task was stopped");
+        return Ok(());
+    }
     match error {
         JobError::Stopped if running.stop.asked() == Some(StopReason::Hold) => {
             let cancelled = task::cancel_requested(&mut transaction, task_id).await?;
@@ -70,8 +69,12 @@ async fn settle(
     Ok(transaction.commit().await?)
 }
 
-async fn run(scheduler: Scheduler, task: Task, running: Running) -> Result<Finished, JobError> {
+async fn run(scheduler: Scheduler, task: Task, running: Running) -> Result<(), JobError> {
     let task_id = task.task_id;
+    if task.kind == TaskKind::Replay {
+        tracing::info!(task_id, attempt = task.attempt, "a replay is measured");
+        return replay::conclude(&scheduler, &task, &running).await;
+    }
     tracing::info!(task_id, regime = %task.regime, stage = task.stage, attempt = task.attempt, "a task starts");
     let stage = Arc::new(Stage::load(&scheduler.0.store, task).await?);
     if stage.train.is_empty() {
@@ -79,7 +82,9 @@ async fn run(scheduler: Scheduler, task: Task, running: Running) -> Result<Finis
         return Err(JobError::Failed(TaskError { code: "no_training_events".to_owned(), detail }));
     }
     let (learned, search) = learn(&scheduler, &stage, &running).await?;
-    finish(&scheduler, &stage, learned, search).await
+    let Finished { version, live } = finish(&scheduler, &stage, learned, search).await?;
+    tracing::info!(task_id, version, live, "a task succeeded");
+    Ok(())
 }
 
 /// Learns the stage from its last checkpoint, with a strength that is searched where it has to be.

@@ -1,7 +1,8 @@
 //! Which task runs when: triggers, the queue, the learn job.
 //!
 //! One task runs at a time per model, `parallel_tasks` in all, in the order of their ids within a model. Everything that
-//! outlives the process is in the store; here is only what runs now and how to stop it.
+//! outlives the process is in the store; here is only what runs now and how to stop it. Stages that are learned again after a
+//! retraction are tasks like any other, before all that wait; the replay they belong to comes after them and measures.
 //! [`tick`](crate::scheduler::Scheduler::tick) is one turn, which a test can make by hand;
 //! [`run`](crate::scheduler::Scheduler::run) makes them for the server.
 
@@ -12,6 +13,7 @@ mod job;
 mod learner;
 mod observer;
 mod priority;
+mod replay;
 mod running;
 mod search;
 mod settings;

@@ -24,19 +24,23 @@ pub(super) struct Verdict {
 
 /// A network to be driven over test events.
 #[derive(Clone)]
-struct Network {
+pub(super) struct Network {
     shape: DriverShape,
     scaling: Scaling,
     weights: Arc<Vec<f32>>,
 }
 
 impl Network {
-    fn of(known: &Known) -> Self {
+    pub(super) fn of(known: &Known) -> Self {
         Self { shape: known.version.settings.shape(), scaling: known.scaling, weights: Arc::new(known.weights.clone()) }
     }
 
     /// Closed-loop measures; none without test events that are long enough.
-    async fn drive(&self, scheduler: &Scheduler, events: &Arc<Vec<Event>>) -> Result<Option<TestMeasures>, JobError> {
+    pub(super) async fn drive(
+        &self,
+        scheduler: &Scheduler,
+        events: &Arc<Vec<Event>>,
+    ) -> Result<Option<TestMeasures>, JobError> {
         if events.is_empty() {
             return Ok(None);
         }
@@ -148,6 +152,15 @@ fn outcome(stage: &Stage, learned: Learned, reservoir: Vec<i64>, regimes: Vec<Ou
     }
 }
 
+/// Why no policy lets the new version serve by itself, where none does.
+fn kept_anyway(stage: &Stage) -> Option<String> {
+    if let Some(replay) = stage.task.part_of {
+        return Some(format!("a part of replay t{replay}, which decides about its last version"));
+    }
+    let parent = stage.parent.as_ref().filter(|parent| parent.version.tainted)?;
+    Some(format!("it continues version {}, which has learned what was retracted", parent.version.version))
+}
+
 impl Verdict {
     /// Lets the policy decide against the version that is live now.
     pub(super) async fn decide(
@@ -157,13 +170,17 @@ impl Verdict {
         live: Option<i64>,
     ) -> Result<(), JobError> {
         let policy = stage.settings.promotion;
+        self.outcome.judged_against = live;
+        if let Some(reason) = kept_anyway(stage) {
+            self.outcome.promotion = Promotion { policy, decision: PromotionDecision::Kept, reason };
+            return Ok(());
+        }
         let comparisons = match live {
             None => None,
             Some(_) if policy != PromotionPolicy::Gated => Some(Vec::new()),
             Some(live) => Some(self.comparisons(scheduler, stage, live).await?),
         };
         self.outcome.promotion = policy.decide(comparisons.as_deref(), stage.settings.promotion_error_ratio);
-        self.outcome.judged_against = live;
         Ok(())
     }
 

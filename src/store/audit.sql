@@ -62,8 +62,11 @@ end;
 create temp trigger noted_no_note after delete on version_note begin
     insert into noted values ('version.note', old.model_id, cast(old.version as text), json_object('note', null), null);
 end;
-create temp trigger noted_move after insert on history begin
-    insert into noted values (iif(new.action = 'rollback', 'version.rollback', 'version.promote'), new.model_id,
+-- A retraction that moved the head was noted with its batch.
+create temp trigger noted_move after insert on history when new.action <> 'retract' begin
+    insert into noted values (
+        case new.action when 'rollback' then 'version.rollback' when 'replay' then 'version.replay' else 'version.promote' end,
+        new.model_id,
         cast(new.live as text),
         json_object('history_id', 'h' || new.history_id, 'from', new.from_live, 'reason', new.reason), new.actor);
 end;

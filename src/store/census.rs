@@ -14,6 +14,8 @@ pub struct ModelCensus {
     pub name: String,
     /// The version that serves.
     pub live: Option<i64>,
+    /// Whether it learned what was retracted later.
+    pub live_tainted: bool,
     /// Tasks that wait.
     pub queued: u64,
     /// Tasks that run.
@@ -28,6 +30,7 @@ impl Store {
     pub async fn model_census(&self) -> Result<Vec<ModelCensus>, StoreError> {
         let rows = query(
             "select m.model_id, m.name, m.live_version,
+                    exists (select 1 from taint x where x.model_id = m.model_id and x.version = m.live_version) as live_tainted,
                     (select count(*) from task t where t.model_id = m.model_id and t.state in ('queued', 'running')
                          and t.state = 'queued') as queued,
                     (select count(*) from task t where t.model_id = m.model_id and t.state in ('queued', 'running')
@@ -42,6 +45,7 @@ impl Store {
                     model_id: row.try_get("model_id")?,
                     name: row.try_get("name")?,
                     live: row.try_get("live_version")?,
+                    live_tainted: row.try_get("live_tainted")?,
                     queued: count(row, "queued")?,
                     running: count(row, "running")?,
                 })

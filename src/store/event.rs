@@ -44,8 +44,7 @@ pub struct Link {
 
 /// Stores events that arrive in `batch_id`, at most [`STORED_AT_ONCE`], and tells where, in their order. Of content that
 /// the model has, or that is among them before, nothing is stored, unless what is stored is corrupt: then it is mended.
-/// Content that was retracted waits again, in this batch and under this batch's regime; of everything else the first copy
-/// decides.
+/// Content that was retracted waits again as if it were new; of everything else the first copy decides.
 ///
 /// # Errors
 /// When the database cannot be written.
@@ -102,6 +101,10 @@ async fn insert(
         " on conflict (model_id, content_sha256) do update set
              dt_s = excluded.dt_s, steps = excluded.steps, arrays = excluded.arrays,
              batch_id = iif(state = 'retracted', excluded.batch_id, batch_id),
+             name = iif(state = 'retracted', excluded.name, name),
+             source = iif(state = 'retracted', excluded.source, source),
+             run = iif(state = 'retracted', excluded.run, run),
+             split = iif(state = 'retracted', excluded.split, split),
              regime = iif(state = 'retracted', excluded.regime, regime),
              arrived_at = iif(state = 'retracted', excluded.arrived_at, arrived_at),
              state = iif(state = 'retracted', 'pending', state)

@@ -4,9 +4,10 @@ use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 use sqlx::{Row, query};
 
-use super::column::{stored_time, time, word};
+use super::column::{json, stored_time, time, word};
 use super::pointers::Pointers;
 use super::{Store, StoreError, WriteTransaction};
+use crate::lineage::ReplayReport;
 
 /// What moved a pointer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -18,6 +19,10 @@ pub enum Action {
     Rollback,
     /// The promotion policy moved live.
     Policy,
+    /// A person retracted what the head's line had learned: the head moved to before that.
+    Retract,
+    /// A replay ended.
+    Replay,
 }
 
 impl Action {
@@ -26,6 +31,8 @@ impl Action {
             Self::Promote => "promote",
             Self::Rollback => "rollback",
             Self::Policy => "policy",
+            Self::Retract => "retract",
+            Self::Replay => "replay",
         }
     }
 }
@@ -51,6 +58,8 @@ pub struct HistoryEntry {
     pub reason: String,
     /// Who.
     pub actor: String,
+    /// Of a replay: what came of it.
+    pub report: Option<ReplayReport>,
 }
 
 /// A move to be written.
@@ -61,6 +70,7 @@ pub(super) struct Change<'a> {
     pub(super) after: &'a Pointers,
     pub(super) reason: &'a str,
     pub(super) actor: &'a str,
+    pub(super) report: Option<&'a ReplayReport>,
 }
 
 /// Writes an entry and gives its id.
@@ -70,8 +80,8 @@ pub(super) async fn write(
     now: Timestamp,
 ) -> Result<i64, StoreError> {
     let row = query(
-        "insert into history (model_id, at, action, from_live, live, from_head, head, reason, actor)
-         values (?, ?, ?, ?, ?, ?, ?, ?, ?) returning history_id",
+        "insert into history (model_id, at, action, from_live, live, from_head, head, reason, actor, report)
+         values (?, ?, ?, ?, ?, ?, ?, ?, ?, ?) returning history_id",
     )
     .bind(change.model_id)
     .bind(stored_time(now))
@@ -82,6 +92,7 @@ pub(super) async fn write(
     .bind(change.after.head)
     .bind(change.reason)
     .bind(change.actor)
+    .bind(change.report.map(|report| serde_json::to_string(report).expect("a report is plain data")))
     .fetch_one(&mut **transaction)
     .await?;
     Ok(row.try_get("history_id")?)
@@ -111,6 +122,7 @@ impl Store {
                     head: row.try_get("head")?,
                     reason: row.try_get("reason")?,
                     actor: row.try_get("actor")?,
+                    report: json(row, "report")?,
                 })
             })
             .collect()

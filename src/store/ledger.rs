@@ -1,4 +1,5 @@
-//! The events behind a task, a line and a test reservoir.
+//! The events behind a task, a line and a test reservoir. Events that were retracted since are nowhere among them: a version
+//! that learned them may be gone on from all the same.
 
 use futures_util::{Stream, StreamExt, TryStreamExt};
 use sqlx::sqlite::SqliteRow;
@@ -88,7 +89,7 @@ impl Store {
         let rows = query(with_line!(
             "?2",
             "select e.event_id, e.content_sha256, e.dt_s, e.arrays, e.name, e.batch_id from event e
-             where e.split = 'train' and e.event_id in (
+             where e.split = 'train' and e.state <> 'retracted' and e.event_id in (
                  select event_id from task_event where task_id = ?3
                  union
                  select te.event_id from line cross join task_event te on te.task_id = line.task_id
@@ -122,7 +123,7 @@ impl Store {
             ", learned as (
                  select distinct line.regime, e.event_id, e.content_sha256
                  from line cross join task_event te using (task_id) join event e using (event_id)
-                 where e.split = ?5 and e.event_id not in (select event_id from task_event where task_id = ?3)
+                 where e.split = ?5 and e.state <> 'retracted' and e.event_id not in (select event_id from task_event where task_id = ?3)
              ),
              ranked as (
                  select *, row_number() over (partition by regime order by content_sha256) as place from learned
@@ -163,7 +164,7 @@ impl Store {
         let rows = query(with_line!(
             "?2",
             "select e.event_id, e.content_sha256, e.dt_s, e.arrays, e.name, e.batch_id from event e
-             where e.split = 'train' and e.event_id in (
+             where e.split = 'train' and e.state <> 'retracted' and e.event_id in (
                  select te.event_id from line cross join task t on t.task_id = line.task_id
                  cross join task_event te on te.task_id = t.task_id
                  where ?3 is null or t.regime = ?3
@@ -200,7 +201,7 @@ impl Store {
                  union
                  select te.event_id from task_event te join event e using (event_id)
                  where te.task_id = ? and e.split = 'test'
-             )
+             ) and state <> 'retracted'
              order by content_sha256 limit ?",
         )
         .bind(stored_ids(&old))
@@ -218,7 +219,7 @@ impl Store {
         let ids = self.reservoir_ids(reservoir_id).await?;
         let rows = query(
             "select event_id, content_sha256, dt_s, arrays, name, batch_id from event
-             where event_id in (select value from json_each(?)) order by content_sha256",
+             where event_id in (select value from json_each(?)) and state <> 'retracted' order by content_sha256",
         )
         .bind(stored_ids(&ids))
         .fetch(&self.readers);

@@ -5,7 +5,7 @@ use sqlx::{Row, query};
 
 use super::history::{self, Action, Change};
 use super::pointers::{self, Pointers};
-use super::{StoreError, WriteTransaction, outcome, version};
+use super::{StoreError, WriteTransaction, outcome, taint, version};
 
 /// A wish to move live (and, for a rollback, head).
 #[derive(Debug, Clone, Copy)]
@@ -16,6 +16,8 @@ pub struct MoveRequest<'a> {
     pub reason: &'a str,
     /// Who.
     pub actor: &'a str,
+    /// Also to a version that learned what was retracted later.
+    pub force: bool,
 }
 
 /// A move that was made.
@@ -45,6 +47,9 @@ pub enum MoveRefused {
     /// A rollback without a version, and the live one is the first of its line.
     #[error("version {0} is live and has no parent to roll back to")]
     NoParent(i64),
+    /// The version learned what was retracted later, and nobody insists.
+    #[error("version {0} learned what was retracted later; say \"force\": true to let it serve all the same")]
+    Tainted(i64),
 }
 
 /// Moves live to the named version; head and tasks stay.
@@ -59,6 +64,9 @@ pub async fn promote(
 ) -> Result<Result<Moved, MoveRefused>, StoreError> {
     let before = pointers::read(transaction, model_id).await?;
     let target = match target(transaction, model_id, &before, request).await? {
+        Ok(target) if !request.force && taint::is_tainted(transaction, model_id, target).await? => {
+            return Ok(Err(MoveRefused::Tainted(target)));
+        }
         Ok(target) => target,
         Err(refused) => return Ok(Err(refused)),
     };
@@ -80,6 +88,9 @@ pub async fn rollback(
 ) -> Result<Result<Moved, MoveRefused>, StoreError> {
     let before = pointers::read(transaction, model_id).await?;
     let target = match target(transaction, model_id, &before, request).await? {
+        Ok(target) if !request.force && taint::is_tainted(transaction, model_id, target).await? => {
+            return Ok(Err(MoveRefused::Tainted(target)));
+        }
         Ok(target) => target,
         Err(refused) => return Ok(Err(refused)),
     };
@@ -127,7 +138,7 @@ async fn write(
     now: Timestamp,
 ) -> Result<i64, StoreError> {
     pointers::write(transaction, model_id, after).await?;
-    let change = Change { model_id, action, before, after, reason: request.reason, actor: request.actor };
+    let change = Change { model_id, action, before, after, reason: request.reason, actor: request.actor, report: None };
     history::write(transaction, &change, now).await
 }
 

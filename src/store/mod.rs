@@ -33,12 +33,15 @@ pub mod outcome;
 mod pointers;
 /// Events that were refused.
 pub mod rejection;
-/// Retracting a batch that was never learned.
+/// The end of a replay.
+pub mod replay;
+/// Retracting a batch.
 pub mod retract;
 mod seal;
 /// From waiting events to tasks.
 pub mod selection;
 mod settings;
+mod taint;
 /// Tasks: reading, starting, cancelling.
 pub mod task;
 /// Versions and their notes.

@@ -7,7 +7,7 @@ use sqlx::{Row, query};
 use super::column::{sha256, stored_floats, stored_time};
 use super::history::{self, Change};
 use super::pointers::{self, Pointers};
-use super::{StoreError, WriteTransaction, seal};
+use super::{StoreError, WriteTransaction, seal, taint};
 use crate::consolidation::{Method, RegimeMemory};
 use crate::lineage::{ModelSettings, Promotion, PromotionDecision, RegimeEvaluation, StrengthSearch, TaskError};
 
@@ -99,6 +99,7 @@ pub async fn succeeded(
     let version = insert_version(transaction, &task, outcome, now).await?;
     insert_regimes(transaction, model_id, version, outcome).await?;
     seal::seal(transaction).await?;
+    taint::inherit(transaction, model_id, version, now).await?;
     query("update task set state = 'succeeded', version = ?, ended_at = ? where task_id = ?")
         .bind(version)
         .bind(stored_time(now))
@@ -117,6 +118,7 @@ pub async fn succeeded(
             after: &after,
             reason: &outcome.promotion.reason,
             actor: "policy",
+            report: None,
         };
         history::write(transaction, &change, now).await?;
     }

@@ -75,8 +75,8 @@ async fn an_unknown_or_retracted_batch_is_named() {
     let (fixture, model_id) = fixture().await;
     let batch = fixture.batch(model_id, "slow", 0..3).await;
     let mut transaction = fixture.store.begin().await.unwrap();
-    let retracted = retract::retract(&mut transaction, model_id, batch, now()).await.unwrap();
-    assert_eq!(retracted, retract::Retracted::Done { events: 3 });
+    let retracted = retract::retract(&mut transaction, model_id, batch, "tester", now()).await.unwrap();
+    assert_eq!(retracted, retract::Retracted::Done { events: 3, stopped: Vec::new() });
     transaction.commit().await.unwrap();
     for (named, refusal) in [(batch, NoTask::RetractedBatch(batch)), (9, NoTask::UnknownBatch(9))] {
         let selection = Selection::Batches { batches: vec![named], regime: None };
@@ -113,18 +113,34 @@ async fn a_failed_task_holds_its_events_and_naming_the_batch_tries_again() {
 }
 
 #[tokio::test]
-async fn what_another_batch_holds_survives_a_retraction_and_what_is_claimed_cannot_be_retracted() {
+async fn what_another_batch_holds_survives_a_retraction() {
     let (fixture, model_id) = fixture().await;
     fixture.batch(model_id, "slow", 0..3).await;
     fixture.batch(model_id, "slow", 1..3).await;
     let mut transaction = fixture.store.begin().await.unwrap();
-    let first = retract::retract(&mut transaction, model_id, 1, now()).await.unwrap();
-    assert_eq!(first, retract::Retracted::Done { events: 1 });
-    assert_eq!(retract::retract(&mut transaction, model_id, 1, now()).await.unwrap(), retract::Retracted::Before);
+    let mut first = async || retract::retract(&mut transaction, model_id, 1, "tester", now()).await.unwrap();
+    assert_eq!(first().await, retract::Retracted::Done { events: 1, stopped: Vec::new() });
+    assert_eq!(first().await, retract::Retracted::Before { replaying: None });
     transaction.commit().await.unwrap();
     let picture = fixture.picture(model_id).await;
     assert!(picture.ends_with("batch 1 retracted 1\nbatch 2 pending 2"), "{picture}");
+}
+
+#[tokio::test]
+async fn a_task_that_waits_goes_on_without_what_was_retracted_or_not_at_all() {
+    let (fixture, model_id) = fixture().await;
+    fixture.batch(model_id, "slow", 0..8).await;
+    fixture.batch(model_id, "slow", 10..14).await;
+    fixture.batch(model_id, "fast", 20..23).await;
     fixture.tasks_of_pending(model_id).await;
     let mut transaction = fixture.store.begin().await.unwrap();
-    assert_eq!(retract::retract(&mut transaction, model_id, 2, now()).await.unwrap(), retract::Retracted::Claimed);
+    for batch in [1, 3] {
+        let retracted = retract::retract(&mut transaction, model_id, batch, "tester", now()).await.unwrap();
+        assert!(matches!(retracted, retract::Retracted::Done { stopped, .. } if stopped.is_empty()));
+    }
+    transaction.commit().await.unwrap();
+    let tasks = fixture.store.tasks(model_id, 0, 10).await.unwrap();
+    let seen: Vec<_> = tasks.iter().map(|task| (task.state.as_str(), task.batches.clone())).collect();
+    assert_eq!(seen, [("queued", vec![2]), ("cancelled", vec![])]);
+    assert_eq!(fixture.store.training_events(1).await.unwrap().len(), 4);
 }

@@ -49,11 +49,16 @@ pub struct Candidate {
 macro_rules! select_task {
     ($rest:literal) => {
         concat!(
-            "select t.task_id, t.model_id, t.state, t.regime, t.settings, t.parent_version, t.stage, t.version, ",
-            "t.attempt, t.error_code, t.error_detail, t.created_at, t.started_at, t.ended_at, c.share, ",
+            "select t.task_id, t.model_id, t.kind, t.state, t.regime, t.settings, t.parent_version, t.stage, t.version, ",
+            "t.attempt, t.replay_id, t.replays, t.error_code, t.error_detail, t.created_at, t.started_at, t.ended_at, ",
+            "c.share, r.report, ",
             "(select json_group_array(batch_id) from (select batch_id from task_batch b ",
-            "where b.task_id = t.task_id order by batch_id)) as batches ",
-            "from task t left join checkpoint c on c.task_id = t.task_id ",
+            "where b.task_id = t.task_id order by batch_id)) as batches, ",
+            "(select json_group_array(json_object('task_id', p.task_id, 'state', p.state, ",
+            "'checkpointed', coalesce((select share from checkpoint d where d.task_id = p.task_id), 0.0))) ",
+            "from (select q.task_id, q.state from task q where q.replay_id = t.task_id ",
+            "order by q.place, q.task_id) p) as parts ",
+            "from task t left join checkpoint c on c.task_id = t.task_id left join replay r on r.task_id = t.task_id ",
             $rest
         )
     };
@@ -65,6 +70,7 @@ fn task_from(row: &SqliteRow) -> Result<Task, StoreError> {
     Ok(Task {
         task_id: row.try_get("task_id")?,
         model_id: row.try_get("model_id")?,
+        kind: word(row, "kind")?,
         state: word(row, "state")?,
         regime: word(row, "regime")?,
         settings: json::<Value>(row, "settings")?,
@@ -74,6 +80,10 @@ fn task_from(row: &SqliteRow) -> Result<Task, StoreError> {
         version: row.try_get("version")?,
         attempt: count(row, "attempt")?,
         checkpointed: row.try_get::<Option<f64>, _>("share")?.unwrap_or(0.0),
+        part_of: row.try_get("replay_id")?,
+        replays: row.try_get("replays")?,
+        parts: json(row, "parts")?,
+        report: json(row, "report")?,
         error: error_code.map(|code| TaskError { code, detail: error_detail.unwrap_or_default() }),
         created_at: time(row, "created_at")?,
         started_at: optional_time(row, "started_at")?,
@@ -109,14 +119,16 @@ impl Store {
         rows.iter().map(task_from).collect()
     }
 
-    /// The next task of every model that is not paused: one whose end could not be written, else the oldest.
+    /// The next task of every model that is not paused: one whose end could not be written, else a part of a replay, else a
+    /// replay whose parts have ended, else the oldest.
     ///
     /// # Errors
     /// When the database cannot be read.
     pub async fn candidates(&self) -> Result<Vec<Candidate>, StoreError> {
         let rows = query(
             "select first.model_id, first.task_id, coalesce(c.share, 0.0) as share from (
-                 select t.model_id, coalesce(min(case when t.state = 'running' then t.task_id end), min(t.task_id)) as task_id
+                 select t.model_id, t.task_id,
+                     min(case when t.state = 'running' then -9e18 else coalesce(t.place, t.task_id) end) as turn
                  from task t join model m on m.model_id = t.model_id
                  where t.state in ('queued', 'running') and m.paused = 0
                  group by t.model_id
@@ -168,7 +180,7 @@ pub async fn take_over(transaction: &mut WriteTransaction, now: Timestamp) -> Re
     Ok(left)
 }
 
-/// Starts or resumes a task. The first start fixes its parent, the head, and its stage.
+/// Starts or resumes a task. The first start fixes its parent, the head, and its stage; a replay has neither of its own.
 ///
 /// A task found running was left by a job whose end could not be written, which counts as a crash; after more than
 /// `max_crashes` without a checkpoint in between it fails.
@@ -185,10 +197,12 @@ pub async fn start(
         "update task set
              crashes = crashes + (state = 'running'),
              attempt = attempt + 1,
-             parent_version = case when stage is null then (select head_version from model m where m.model_id = task.model_id)
+             parent_version = case when stage is null and kind = 'learn'
+                              then (select head_version from model m where m.model_id = task.model_id)
                               else parent_version end,
-             stage = coalesce(stage, 1 + coalesce((select v.stage from version v join model m using (model_id)
-                              where m.model_id = task.model_id and v.version = m.head_version), 0)),
+             stage = case when kind = 'learn' then coalesce(stage, 1 + coalesce(
+                              (select v.stage from version v join model m using (model_id)
+                               where m.model_id = task.model_id and v.version = m.head_version), 0)) end,
              state = 'running',
              started_at = coalesce(started_at, ?)
          where task_id = ? and state in ('queued', 'running')
@@ -260,6 +274,18 @@ pub async fn cancel(
         }
         ended => Ok(Cancelled::AlreadyEnded(ended)),
     }
+}
+
+/// Whether the task is running: neither ended nor put back in line.
+///
+/// # Errors
+/// When the database cannot be read.
+pub async fn is_running(connection: &mut SqliteConnection, task_id: i64) -> Result<bool, StoreError> {
+    let row = query("select 1 from task where task_id = ? and state = 'running'")
+        .bind(task_id)
+        .fetch_optional(connection)
+        .await?;
+    Ok(row.is_some())
 }
 
 /// Whether somebody asked to cancel the task.

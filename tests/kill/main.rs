@@ -21,6 +21,8 @@ mod wire;
 
 /// Killed while live or head move.
 mod moves;
+/// Killed while it unlearns.
+mod replaying;
 /// Killed while it starts.
 mod starting;
 /// Killed while a task learns.

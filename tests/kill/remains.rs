@@ -76,7 +76,7 @@ const NEVER: [(&str, &str); 16] = [
     ),
     (
         "a task that succeeded without a version",
-        "select * from task t where state = 'succeeded' and not exists
+        "select * from task t where state = 'succeeded' and kind = 'learn' and not exists
         (select 1 from version v where v.task_id = t.task_id and v.version = t.version)",
     ),
     (
@@ -85,7 +85,8 @@ const NEVER: [(&str, &str); 16] = [
         where v.model_id = m.model_id) and (live_version is not
         (select live from history h where h.model_id = m.model_id order by history_id desc limit 1)
         or not exists (select 1 from version v where v.model_id = m.model_id and v.version = m.live_version)
-        or not exists (select 1 from version v where v.model_id = m.model_id and v.version = m.head_version))",
+        or m.head_version is null and not exists (select 1 from replay) or m.head_version is not null
+        and not exists (select 1 from version v where v.model_id = m.model_id and v.version = m.head_version))",
     ),
     (
         "a gap in the history",

@@ -12,6 +12,7 @@ pub(crate) async fn lead() -> TempDir {
     let server = Server::start_with("[training]\ntrigger_interval_s = 0.05").await;
     upload(&server).await;
     learn(&server).await;
+    unlearn(&server).await;
     move_about(&server).await;
     stop_and_cancel(&server).await;
     let mut server = server.restart().await;
@@ -65,7 +66,25 @@ async fn learn(server: &Server) {
     let first = batches["batches"][0]["batch_id"].as_str().unwrap();
     let again = server.post("/v1/models/ewc/tasks", &json!({"batches": [first]})).await.expect(202);
     server.end_of("ewc", again["task_id"].as_str().unwrap()).await;
-    server.send(server.request(Method::DELETE, &format!("/v1/models/ewc/batches/{first}"))).await.expect(409);
+}
+
+/// A batch that a version learned and a task waits for leaves both; so does the next one, while the first is replayed.
+async fn unlearn(server: &Server) {
+    let path = |rest: &str| format!("/v1/models/mas/{rest}");
+    server.post(&path("pause"), &json!({})).await.expect(200);
+    let batches = server.get(&path("batches")).await["batches"].clone();
+    let ids: Vec<_> = batches.as_array().unwrap().iter().map(|batch| batch["batch_id"].as_str().unwrap()).collect();
+    server.post(&path("tasks"), &json!({"batches": ids, "regime": "both"})).await.expect(202);
+    let mut replays = Vec::new();
+    for id in ids {
+        let retract = || server.send(server.request(Method::DELETE, &path(&format!("batches/{id}"))));
+        replays.push(retract().await.expect(202)["task_id"].as_str().unwrap().to_owned());
+        retract().await;
+    }
+    server.post(&path("resume"), &json!({})).await.expect(200);
+    for replay in replays {
+        server.end_of("mas", &replay).await;
+    }
 }
 
 /// What people ask of versions.

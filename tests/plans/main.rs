@@ -24,7 +24,7 @@ use sqlx::sqlite::{SqliteConnectOptions, SqliteConnection};
 use sqlx::{AssertSqlSafe, ConnectOptions as _, Row, query};
 
 /// Tables that grow with the history. Models do not, and checkpoints are those of running tasks.
-const GROWING: [&str; 16] = [
+const GROWING: [&str; 18] = [
     "event",
     "batch",
     "batch_event",
@@ -39,6 +39,8 @@ const GROWING: [&str; 16] = [
     "reservoir",
     "version_regime",
     "history",
+    "replay",
+    "taint",
     "idempotency",
     "audit",
 ];
@@ -54,6 +56,7 @@ const UNSEALED: &str = "reads rows that are not sealed yet: those of one transac
 /// A part of a statement, the beginning of a line of its plan, and why it may be there.
 const ALLOWED: &[(&str, &str, &str)] = &[
     ("insert into task_batch", "USE TEMP B-TREE", A_TASK),
+    ("insert or ignore into task_batch", "USE TEMP B-TREE", A_TASK),
     ("from task_event te join event e using (event_id) where te.task_id = ?", "USE TEMP B-TREE", A_TASK),
     ("insert into task_event (task_id, event_id) select distinct", "USE TEMP B-TREE", A_BATCH),
     ("(select distinct event_id from batch_event where batch_id = ?)", "USE TEMP B-TREE", A_BATCH),

@@ -47,21 +47,6 @@ async fn a_batch_is_retracted_at_once_and_may_come_again() {
 }
 
 #[tokio::test]
-async fn a_learned_or_claimed_batch_stays() {
-    let server = Server::start().await;
-    server.learn("default", "fast", &events("e", 8, 10.0)).await;
-    let delete = |batch: &str| server.request(Method::DELETE, &format!("{PATH}/{batch}"));
-    server.send(delete("b1")).await.expect_problem(409, "batch_learned");
-    server.post("/v1/models/default/pause", &json!({})).await.expect(200);
-    server.upload("default", "", &events("f", 8, 8.0)).await.expect(201);
-    server.post("/v1/models/default/tasks", &json!({"batches": "pending"})).await.expect(202);
-    server.send(delete("b2")).await.expect_problem(409, "batch_in_use");
-    let read = server.get(&format!("{PATH}/b2")).await.expect(200);
-    assert_eq!(read["events"]["pending"], 8);
-    server.stop().await;
-}
-
-#[tokio::test]
 async fn batches_are_listed_in_order_of_arrival() {
     let server = Server::start().await;
     for kind in ["e", "f", "g"] {

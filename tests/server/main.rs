@@ -9,7 +9,7 @@ mod support;
 mod access;
 /// Who changed what.
 mod audit;
-/// Retracting, listing, reading batches.
+/// Listing and reading batches; retracting what was never learned.
 mod batches;
 /// What browsers are told.
 mod browsers;
@@ -33,6 +33,8 @@ mod paging;
 mod predict;
 /// Requests that are wrong.
 mod problems;
+/// Retracting what was learned.
+mod retract;
 /// Promote, rollback, history.
 mod serving;
 /// Predictions, which are recognised before the router.

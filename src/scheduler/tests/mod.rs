@@ -6,6 +6,7 @@ mod fake;
 mod lineage;
 mod pace;
 mod queue;
+mod retract;
 mod stopping;
 mod strength;
 
@@ -20,6 +21,7 @@ use crate::lineage::{ModelSettings, PromotionPolicy};
 use crate::predictor::{Predictor, PredictorSettings};
 use crate::store::fixture::{self, Fixture};
 use crate::store::live::{MoveRequest, Moved, rollback};
+use crate::store::retract::{Retracted, retract};
 
 fn scheduler_settings() -> SchedulerSettings {
     SchedulerSettings {
@@ -85,7 +87,7 @@ impl Engine {
     }
 
     async fn rollback(&self, model_id: i64, version: i64) -> Moved {
-        let request = MoveRequest { version: Some(version), reason: "r", actor: "a" };
+        let request = MoveRequest { version: Some(version), reason: "r", actor: "a", force: false };
         let mut transaction = self.fixture.store.begin().await.unwrap();
         let moved = rollback(&mut transaction, model_id, &request, clock()).await.unwrap().unwrap();
         transaction.commit().await.unwrap();
@@ -94,6 +96,22 @@ impl Engine {
         }
         self.predictor.refresh(model_id).await;
         moved
+    }
+
+    /// Retracts a batch and tells the scheduler; gives the replay.
+    async fn retract(&self, model_id: i64, batch_id: i64) -> Option<i64> {
+        let mut transaction = self.fixture.store.begin().await.unwrap();
+        let retracted = retract(&mut transaction, model_id, batch_id, "tester", clock()).await.unwrap();
+        transaction.commit().await.unwrap();
+        let (stopped, replay) = match retracted {
+            Retracted::Done { stopped, .. } => (stopped, None),
+            Retracted::Replaying { task_id, stopped } => (stopped, Some(task_id)),
+            other => panic!("{other:?}"),
+        };
+        for task_id in stopped {
+            self.scheduler.cancel(task_id);
+        }
+        replay
     }
 
     async fn weights_sha256(&self, model_id: i64, version: i64) -> String {
