@@ -16,7 +16,7 @@ use crate::store::{Actor, Store, keys};
 /// When that file holds no key, or when strangers could reach a server that lets everybody in.
 pub(super) async fn gate(store: &Store, config: &Config, address: SocketAddr) -> anyhow::Result<Gate> {
     learn_key_file(store, config).await?;
-    let gate = Gate::new(config.access.clone());
+    let gate = Gate::new(config.access.clone(), config.server.cors_origins.clone());
     gate.refresh(store).await?;
     if gate.is_open() && !address.ip().to_canonical().is_loopback() {
         let database = config.database.path.display();

@@ -105,7 +105,7 @@ pub(super) async fn observe(State(around): State<Around>, request: Request, next
 /// Lets a request in to its handler, which is told who sent it.
 async fn enter(app: &AppState, need: Need, route: &str, parts: &mut Parts) -> Result<Option<Standing>, Problem> {
     let model = if route.contains("{model}") { Some(model_named(parts).await) } else { None };
-    let Admitted { caller, standing } = app.gate.admit(&parts.headers, need, model.as_deref())?;
+    let Admitted { caller, standing } = app.gate.admit(&parts.method, &parts.headers, need, model.as_deref())?;
     parts.extensions.insert(caller);
     acceptable(&parts.headers, route)?;
     Ok(standing)

@@ -7,7 +7,9 @@ use std::sync::Arc;
 
 use arc_swap::ArcSwap;
 use axum::extract::FromRequestParts;
-use axum::http::header::{AUTHORIZATION, HeaderMap, HeaderName, HeaderValue, RETRY_AFTER, WWW_AUTHENTICATE};
+use axum::http::header::{
+    AUTHORIZATION, HOST, HeaderMap, HeaderName, HeaderValue, ORIGIN, RETRY_AFTER, WWW_AUTHENTICATE,
+};
 use axum::http::request::Parts;
 use serde_json::{Map, json};
 use tokio::sync::Mutex;
@@ -15,6 +17,7 @@ use tokio::sync::Mutex;
 use super::problem::{Code, Problem, RequestContext};
 use crate::access::{AccessSettings, Class, Entry, Key, KeyTable, Policy, Scope, Standing, TooMany, Unrecognised};
 use crate::store::{Actor, Store, StoreError};
+use axum::http::Method;
 
 /// What a route needs of who calls it, once there are keys.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -35,6 +38,8 @@ pub struct Gate {
     keys: ArcSwap<KeyTable>,
     reading: Mutex<()>,
     settings: AccessSettings,
+    /// Origins of web pages that may use the interface.
+    origins: Vec<String>,
 }
 
 /// Who sent a request: the owner of a key, or whoever reaches a server that has none.
@@ -53,8 +58,8 @@ pub(super) struct Admitted {
 impl Gate {
     /// One that nobody has a key to yet.
     #[must_use]
-    pub fn new(settings: AccessSettings) -> Self {
-        Self { keys: ArcSwap::default(), reading: Mutex::default(), settings }
+    pub fn new(settings: AccessSettings, origins: Vec<String>) -> Self {
+        Self { keys: ArcSwap::default(), reading: Mutex::default(), settings, origins }
     }
 
     /// Limits of keys.
@@ -86,10 +91,33 @@ impl Gate {
     ///
     /// # Errors
     /// 401 without an active key, 403 with one that does not reach so far, 429 with one that asked too much.
-    pub(super) fn admit(&self, headers: &HeaderMap, need: Need, model: Option<&str>) -> Result<Admitted, Problem> {
+    pub(super) fn admit(
+        &self,
+        method: &Method,
+        headers: &HeaderMap,
+        need: Need,
+        model: Option<&str>,
+    ) -> Result<Admitted, Problem> {
         let keys = self.keys.load();
+        // Predictions change nothing.
+        if keys.is_open() && !method.is_safe() && need != Need::May(Scope::Predict) {
+            self.refuse_page(headers)?;
+        }
         let (entry, standing) = check(&keys, headers, need, model)?;
         Ok(Admitted { caller: Caller(entry.map(|entry| Arc::clone(&entry.key))), standing })
+    }
+
+    /// Refuses a change that a page from elsewhere makes a browser ask for. Browsers send some requests of any page anywhere,
+    /// and only keep its scripts from reading what is answered; where no key is asked for, that is enough to do harm.
+    fn refuse_page(&self, headers: &HeaderMap) -> Result<(), Problem> {
+        let Some(origin) = headers.get(ORIGIN) else { return Ok(()) };
+        let own = origin.to_str().ok().and_then(|origin| origin.split_once("://")).map(|(_, host)| host.as_bytes());
+        let named = self.origins.iter().any(|named| named.as_bytes() == origin.as_bytes());
+        if named || own.is_some() && own == headers.get(HOST).map(HeaderValue::as_bytes) {
+            return Ok(());
+        }
+        Err(Code::ForeignPage
+            .because("without keys, pages from elsewhere change nothing; server.cors_origins names others"))
     }
 
     /// Whether somebody who was let in still would be, for what takes long: keys end meanwhile.

@@ -33,6 +33,7 @@ pub enum Code {
     KeyRevoked,
     InsufficientScope,
     ModelForbidden,
+    ForeignPage,
     NotFound,
     ModelNotFound,
     BatchNotFound,
@@ -73,7 +74,7 @@ pub enum Code {
 
 impl Code {
     /// Every code, for the contract test.
-    pub const ALL: [Self; 45] = [
+    pub const ALL: [Self; 46] = [
         Self::MalformedJson,
         Self::TruncatedBody,
         Self::MalformedBody,
@@ -83,6 +84,7 @@ impl Code {
         Self::KeyRevoked,
         Self::InsufficientScope,
         Self::ModelForbidden,
+        Self::ForeignPage,
         Self::NotFound,
         Self::ModelNotFound,
         Self::BatchNotFound,
@@ -135,6 +137,7 @@ impl Code {
             Self::KeyRevoked => ("key_revoked", S::UNAUTHORIZED, "The key was revoked"),
             Self::InsufficientScope => ("insufficient_scope", S::FORBIDDEN, "The key does not have the scope"),
             Self::ModelForbidden => ("model_forbidden", S::FORBIDDEN, "The key is for other models"),
+            Self::ForeignPage => ("foreign_page", S::FORBIDDEN, "A page from elsewhere asks"),
             Self::NotFound => ("not_found", S::NOT_FOUND, "There is nothing at this path"),
             Self::ModelNotFound => ("model_not_found", S::NOT_FOUND, "There is no such model"),
             Self::BatchNotFound => ("batch_not_found", S::NOT_FOUND, "The model has no such batch"),

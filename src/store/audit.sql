@@ -54,10 +54,10 @@ create temp trigger noted_version after insert on version begin
         json_object('task_id', 't' || new.task_id, 'parent', new.parent, 'weights_sha256', lower(hex(new.weights_sha256))), null);
 end;
 create temp trigger noted_note after insert on version_note begin
-    insert into noted values ('version.note', new.model_id, cast(new.version as text), json_object('note', new.note), null);
+    insert into noted values ('version.note', new.model_id, cast(new.version as text), json_object('note', substr(new.note, 1, 256)), null);
 end;
 create temp trigger noted_other_note after update on version_note begin
-    insert into noted values ('version.note', new.model_id, cast(new.version as text), json_object('note', new.note), null);
+    insert into noted values ('version.note', new.model_id, cast(new.version as text), json_object('note', substr(new.note, 1, 256)), null);
 end;
 create temp trigger noted_no_note after delete on version_note begin
     insert into noted values ('version.note', old.model_id, cast(old.version as text), json_object('note', null), null);

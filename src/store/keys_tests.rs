@@ -114,3 +114,36 @@ async fn the_database_itself_refuses_to_delete_a_key_or_to_change_one_but_for_it
     query("update access_key set revoked_at = '2026-01-01T00:00:00Z'").execute(&mut *tx).await.unwrap();
     assert!(query("update access_key set revoked_at = null").execute(&mut *tx).await.is_err());
 }
+
+#[tokio::test]
+async fn a_database_from_before_there_were_keys_opens_and_replays_its_answers_to_the_same_caller() {
+    use crate::store::idempotency::{Recollection, RequestIdentity};
+    use sqlx::sqlite::{SqliteConnectOptions, SqlitePoolOptions};
+
+    let directory = tempfile::tempdir().unwrap();
+    let options = SqliteConnectOptions::new().filename(directory.path().join("headway.db")).create_if_missing(true);
+    let pool = SqlitePoolOptions::new().max_connections(1).connect_with(options).await.unwrap();
+    let mut before = sqlx::migrate!("./migrations");
+    before.migrations = before.migrations.iter().take(3).cloned().collect::<Vec<_>>().into();
+    before.run(&pool).await.unwrap();
+    query(
+        "insert into idempotency (idempotency_key, route, request_sha256, status, headers, body, created_at)
+         values ('k', 'POST /v1/models', zeroblob(32), 201, '[]', x'7b7d', '9999-01-01T00:00:00Z')",
+    )
+    .execute(&pool)
+    .await
+    .unwrap();
+    pool.close().await;
+    let store = open(&directory).await;
+    assert_eq!(store.stored_keys().await.unwrap(), []);
+    assert_eq!(store.audit(None, 0, 9).await.unwrap(), []);
+    let [mine, others] = ["local", "0123456789abcdef"].map(|caller| RequestIdentity {
+        key: "k".to_owned(),
+        caller: caller.to_owned(),
+        route: "POST /v1/models".to_owned(),
+        request_sha256: [0; 32],
+    });
+    let Recollection::Answered(answer) = store.recall(&mine, 60).await.unwrap() else { panic!("it is forgotten") };
+    assert_eq!((answer.status, answer.body), (201, b"{}".to_vec()));
+    assert_eq!(store.recall(&others, 60).await.unwrap(), Recollection::New);
+}

@@ -57,3 +57,29 @@ async fn no_page_may_use_the_interface_unless_its_origin_is_named() {
     closed.stop().await;
     open.stop().await;
 }
+
+#[tokio::test]
+async fn a_page_from_elsewhere_changes_nothing_on_a_server_without_keys() {
+    let mut server = Server::start_with("[server]\ncors_origins = [\"https://good.example\"]").await;
+    let own = server.url.clone();
+    let ask = |server: &Server, method: Method, origin: &str| {
+        server.request(method, "/v1/models/default/pause").header("origin", origin)
+    };
+    for foreign in ["https://evil.example", "null", "http://127.0.0.1:1", "", "127.0.0.1"] {
+        server.send(ask(&server, Method::POST, foreign)).await.expect_problem(403, "foreign_page");
+    }
+    let predict = json!({"windows": [window(5, 9.0)]});
+    for model in ["default", "d%65fault"] {
+        let request = server.request(Method::POST, &format!("/v1/models/{model}/predict")).json(&predict);
+        server.send(request.header("origin", "null")).await.expect_problem(409, "no_live_version");
+    }
+    for origin in [own.as_str(), "https://good.example"] {
+        server.send(ask(&server, Method::POST, origin)).await.expect(200);
+    }
+    // With keys a browser has nothing to send by itself.
+    server.close_gate().await;
+    server.send(ask(&server, Method::POST, "https://evil.example")).await.expect(200);
+    server.key = None;
+    server.send(ask(&server, Method::POST, "https://evil.example")).await.expect_problem(401, "unauthenticated");
+    server.stop().await;
+}
