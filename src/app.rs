@@ -22,6 +22,7 @@ use crate::predictor::{Predictor, TrialSettings};
 use crate::scheduler::{Scheduler, Training, step_back};
 use crate::store::Store;
 use crate::telemetry::Metrics;
+use crate::upkeep::Upkeep;
 
 /// Serves on `listener` until `shutdown` resolves; then requests under way may end and training writes its checkpoint,
 /// within `server.drain_s`. `ready` is told the address once requests are answered.
@@ -38,14 +39,17 @@ pub async fn serve(
     let database = config.database.path.clone();
     let (stop, stopping) = watch::channel(false);
     let background = Background::start()?;
+    let upkeep = config.upkeep.clone();
     let address = listener.local_addr().context("the listener has no address")?;
     let tls = Tls::load(&config.server.tls)?;
     let state = assemble(config, address, stopping.clone()).await?;
+    let upkeep = Upkeep::new(Arc::clone(&state.store), state.scheduler.clone(), upkeep);
     let scheduler = state.scheduler.clone();
     let store = Arc::clone(&state.store);
     if let Some(tls) = &tls {
         background.spawn(tls.follow()?);
     }
+    background.spawn(upkeep.run(stopping.clone()));
     let mut parts = Parts::start(listener, tls, state, stopping, &background);
     tracing::info!(%address, database = %database.display(), "serving");
     ready(address).context("cannot say where the server listens")?;

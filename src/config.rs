@@ -14,6 +14,7 @@ use crate::predictor::{PredictorSettings, TrialSettings};
 use crate::scheduler::SchedulerSettings;
 use crate::store::StoreSettings;
 use crate::telemetry::LogSettings;
+use crate::upkeep::UpkeepSettings;
 
 /// The embedded defaults: the manual.
 pub const DEFAULTS: &str = include_str!("default.toml");
@@ -37,6 +38,8 @@ pub struct Config {
     pub predict: PredictorSettings,
     /// How much is computed for an evaluation on events that are not kept.
     pub evaluate: TrialSettings,
+    /// What goes, and how much at once.
+    pub upkeep: UpkeepSettings,
     /// Defaults of new models.
     pub model: ModelSettings,
     /// The log.
@@ -198,6 +201,7 @@ impl Config {
             training: section(table, "training").map_err(wrong)?,
             predict: section(table, "predict").map_err(wrong)?,
             evaluate: section(table, "evaluate").map_err(wrong)?,
+            upkeep: section(table, "upkeep").map_err(wrong)?,
             model,
             log: section(table, "log").map_err(wrong)?,
         };
@@ -208,6 +212,7 @@ impl Config {
         within("training", &config.training.numbers()).map_err(wrong)?;
         within("predict", &config.predict.numbers()).map_err(wrong)?;
         within("evaluate", &config.evaluate.numbers()).map_err(wrong)?;
+        within("upkeep", &config.upkeep.numbers()).map_err(wrong)?;
         config.ingest.clone().checked().map_err(|e| wrong(format!("ingest.{e}")))?;
         Ok(config)
     }

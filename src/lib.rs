@@ -35,6 +35,8 @@ pub mod ingest;
 pub mod predictor;
 /// Which task runs when: triggers, the queue, the learn job.
 pub mod scheduler;
+/// What goes: erasure, retention, unused pages; in small steps.
+pub mod upkeep;
 /// Logs and metrics.
 pub mod telemetry;
 /// The REST interface: router, problems, one file per resource.

@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 use tracing_subscriber::EnvFilter;
 use tracing_subscriber::fmt;
 
-use crate::store::ModelCensus;
+use crate::store::{DatabaseSize, ModelCensus};
 
 /// How the log looks.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -129,6 +129,9 @@ fn describe() {
         Unit::Count,
         "1 when the version that serves has learned what was retracted later."
     );
+    describe_gauge!("headway_database_bytes", Unit::Bytes, "Of the database's file.");
+    describe_gauge!("headway_database_wal_bytes", Unit::Bytes, "Of its write-ahead log.");
+    describe_gauge!("headway_database_unused_bytes", Unit::Bytes, "Of pages in the file that nothing uses.");
     describe_gauge!("headway_tasks", Unit::Count, "Tasks queued and running.");
 }
 
@@ -211,6 +214,16 @@ impl Metrics {
         self.with(|| {
             gauge!("headway_serving_version", "model" => model.clone()).set(answering.unwrap_or(0) as f64);
             gauge!("headway_corrupt_versions", "model" => model).set(corrupt as f64);
+        });
+    }
+
+    /// How large the database is, as it stands.
+    #[expect(clippy::cast_precision_loss, reason = "Prometheus counts in f64")]
+    pub fn database_size(&self, size: DatabaseSize) {
+        self.with(|| {
+            gauge!("headway_database_bytes").set(size.database as f64);
+            gauge!("headway_database_wal_bytes").set(size.log as f64);
+            gauge!("headway_database_unused_bytes").set(size.unused as f64);
         });
     }
 

@@ -2,6 +2,8 @@
 
 /// How fast it is.
 mod bench;
+/// A database without what it does not use.
+mod compact;
 /// The whole main job, shown.
 mod demo;
 /// Who may use a server.
@@ -33,6 +35,8 @@ enum Command {
     Demo(demo::DemoArguments),
     /// Repeat the paper's experiment on event files: methods learned task by task, tables, intervals, figures.
     Reproduce(reproduce::ReproduceArguments),
+    /// Rewrite the database without what it does not use; the server must not run.
+    Compact(compact::CompactArguments),
     /// Make, list and revoke the keys that a server asks for.
     Keys(keys::KeysArguments),
     /// Measure how fast this machine learns and answers.
@@ -49,6 +53,7 @@ pub fn run() -> anyhow::Result<()> {
         Command::Serve(arguments) => serve::run(&arguments),
         Command::Demo(arguments) => demo::run(&arguments),
         Command::Reproduce(arguments) => reproduce::run(&arguments),
+        Command::Compact(arguments) => compact::run(&arguments),
         Command::Keys(arguments) => keys::run(arguments),
         Command::Bench(arguments) => bench::run(&arguments),
     }

@@ -33,7 +33,7 @@ pub(super) struct ServeArguments {
 }
 
 impl ServeArguments {
-    fn resolve(&self) -> anyhow::Result<Config> {
+    pub(super) fn resolve(&self) -> anyhow::Result<Config> {
         let mut layers = Vec::new();
         if let Some(path) = &self.config {
             layers.push(Layer::file(path)?);

@@ -22,6 +22,7 @@ use super::tasks;
 use crate::access::Scope;
 use crate::ingest::{Receipt, Received, Upload, UploadOptions, receive};
 use crate::lineage::{Batch, EventCounts, Model};
+use crate::store::erase;
 use crate::store::retract::{self, Retracted};
 use crate::store::{Actor, selection};
 
@@ -47,6 +48,8 @@ fn body(model: &Model, batch: &Batch) -> Value {
         "summary": batch.summary,
         "created_at": batch.created_at.to_string(),
         "retracted_at": batch.retracted_at.map(|at| at.to_string()),
+        "erase_asked_at": batch.erase_asked_at.map(|at| at.to_string()),
+        "erased_at": batch.erased_at.map(|at| at.to_string()),
     })
 }
 
@@ -90,6 +93,7 @@ pub(super) async fn upload(
     let tasks = selection::create_due(&mut transaction, model_id, model.settings.schedule, received_at).await?;
     let answer = answer(&model, &context, &receipt, &tasks);
     request.keep(&mut transaction, request_sha256, &answer).await?;
+    request.note_batch(&mut transaction, receipt.batch_id).await?;
     transaction.commit().await.map_err(Problem::internal)?;
     app.scheduler.wake();
     note(&app, &model, &receipt, bytes);
@@ -183,9 +187,6 @@ pub(super) async fn retract(
     if query.erase == Some(true) {
         caller.must(Scope::Admin)?;
     }
-    if query.erase == Some(true) {
-        return Err(Code::NotAvailable.because("erasing stored events comes with a later release"));
-    }
     let mut tx = app.store.begin_for(&by).await?;
     let (stopped, replaying) =
         match retract::retract(&mut tx, model.model_id, batch, &by.name, Timestamp::now()).await? {
@@ -196,6 +197,9 @@ pub(super) async fn retract(
                 return Err(Code::BatchNotFound.because(format!("{} has no batch {}", model.name, batch_id(batch))));
             }
         };
+    if query.erase == Some(true) {
+        erase::ask(&mut tx, batch, Timestamp::now()).await?;
+    }
     tx.commit().await.map_err(Problem::internal)?;
     for task in stopped {
         app.scheduler.cancel(task);

@@ -47,5 +47,6 @@ pub(super) async fn metrics(State(app): State<Arc<AppState>>) -> Result<impl Int
             (app.predictor.answering(model.model_id), app.store.corrupt_versions(model.model_id));
         app.metrics.integrity(&model.name, answering, corrupt);
     }
+    app.metrics.database_size(app.store.size().await?);
     Ok(([(CONTENT_TYPE, "text/plain; version=0.0.4; charset=utf-8")], app.metrics.render()))
 }

@@ -10,7 +10,7 @@ use super::AppState;
 use super::answer::Answer;
 use super::gate::Caller;
 use super::problem::{Code, Problem};
-use crate::store::WriteTransaction;
+use crate::store::{WriteTransaction, erase};
 use crate::store::idempotency::{self, Recollection, RequestIdentity};
 
 /// Longest key accepted, in bytes.
@@ -85,6 +85,19 @@ impl Repeatable {
         let Some(identity) = self.identity(request_sha256) else { return Ok(()) };
         let keep_s = self.app.settings.idempotency_keep_s;
         idempotency::keep(tx, &identity, answer.as_stored(), keep_s).await
+    }
+
+    /// Notes that the answer kept is about this batch.
+    ///
+    /// # Errors
+    /// When the database fails.
+    pub(super) async fn note_batch(
+        &self,
+        tx: &mut WriteTransaction,
+        batch_id: i64,
+    ) -> Result<(), crate::store::StoreError> {
+        let Some(identity) = self.identity([0; 32]) else { return Ok(()) };
+        erase::note_answer(tx, &identity, batch_id).await
     }
 
     fn identity(&self, request_sha256: [u8; 32]) -> Option<RequestIdentity> {

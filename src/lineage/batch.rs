@@ -35,6 +35,10 @@ pub struct Batch {
     pub created_at: Timestamp,
     /// When it was retracted.
     pub retracted_at: Option<Timestamp>,
+    /// When somebody asked for the erasure of its content.
+    pub erase_asked_at: Option<Timestamp>,
+    /// When none of it was left.
+    pub erased_at: Option<Timestamp>,
 }
 
 /// Distinct events of a batch by state.

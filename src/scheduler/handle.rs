@@ -138,6 +138,12 @@ impl Scheduler {
         self.0.changes.subscribe()
     }
 
+    /// Whether no task of this process runs.
+    #[must_use]
+    pub fn is_idle(&self) -> bool {
+        self.0.running.count() == 0
+    }
+
     /// Waits until no task of this process runs.
     pub async fn settled(&self) {
         self.until(|running| running.count() == 0).await;

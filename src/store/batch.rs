@@ -87,7 +87,7 @@ macro_rules! select_batch {
     ($rest:literal) => {
         concat!(
             "select batch_id, model_id, source, regime, content_type, body_sha256, body_bytes, accepted, duplicates, ",
-            "rejected, summary, created_at, retracted_at from batch ",
+            "rejected, summary, created_at, retracted_at, erase_asked_at, erased_at from batch ",
             $rest
         )
     };
@@ -168,5 +168,7 @@ fn batch(row: &SqliteRow) -> Result<Batch, StoreError> {
         summary: json(row, "summary")?,
         created_at: time(row, "created_at")?,
         retracted_at: optional_time(row, "retracted_at")?,
+        erase_asked_at: optional_time(row, "erase_asked_at")?,
+        erased_at: optional_time(row, "erased_at")?,
     })
 }

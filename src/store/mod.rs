@@ -11,6 +11,8 @@ mod census;
 mod checkpoint;
 mod column;
 mod damage;
+/// Content that goes for good.
+pub mod erase;
 mod error;
 /// Events: storing each content once.
 pub mod event;
@@ -41,6 +43,7 @@ mod seal;
 /// From waiting events to tasks.
 pub mod selection;
 mod settings;
+mod size;
 mod taint;
 /// Tasks: reading, starting, cancelling.
 pub mod task;
@@ -48,9 +51,9 @@ pub mod task;
 pub mod version;
 
 use std::fs::File;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
-use sqlx::sqlite::{SqliteConnectOptions, SqliteJournalMode, SqlitePoolOptions, SqliteSynchronous};
+use sqlx::sqlite::{SqliteAutoVacuum, SqliteConnectOptions, SqliteJournalMode, SqlitePoolOptions, SqliteSynchronous};
 use sqlx::{Sqlite, SqlitePool, Transaction};
 
 pub use audit::Actor;
@@ -59,6 +62,7 @@ pub use error::{Part, StoreError};
 pub use ledger::LedgerEvent;
 pub use line::LineRegime;
 pub use settings::StoreSettings;
+pub use size::DatabaseSize;
 
 /// A write transaction; dropped without a commit it never happened.
 pub type WriteTransaction = Transaction<'static, Sqlite>;
@@ -69,6 +73,7 @@ pub struct Store {
     writer: SqlitePool,
     readers: SqlitePool,
     damage: damage::Damage,
+    path: PathBuf,
     /// Held as long as the store lives: one process owns a database.
     _lock: File,
 }
@@ -82,6 +87,8 @@ impl Store {
         let lock = lock(&settings.path)?;
         let options = SqliteConnectOptions::new()
             .filename(&settings.path)
+            // What is erased is written over, wherever a page held it.
+            .pragma("secure_delete", "on")
             .journal_mode(SqliteJournalMode::Wal)
             .synchronous(SqliteSynchronous::Full)
             .foreign_keys(true)
@@ -89,7 +96,9 @@ impl Store {
             .statement_cache_capacity(settings.statement_cache);
         // What the writer notes changes with is of this release's tables, so these are made first.
         let first = SqlitePoolOptions::new().max_connections(1);
-        let first = first.connect_with(options.clone().create_if_missing(true)).await?;
+        // Takes effect when the database is made: pages that nothing uses can be given back one by one.
+        let making = options.clone().create_if_missing(true).auto_vacuum(SqliteAutoVacuum::Incremental);
+        let first = first.connect_with(making).await?;
         sqlx::migrate!("./migrations").run(&first).await?;
         first.close().await;
         let writer = SqlitePoolOptions::new()
@@ -102,7 +111,7 @@ impl Store {
             .max_connections(settings.readers)
             .connect_with(options.pragma("query_only", "on"))
             .await?;
-        let store = Self { writer, readers, damage: damage::Damage::default(), _lock: lock };
+        let store = Self { writer, readers, path: settings.path.clone(), damage: damage::Damage::default(), _lock: lock };
         let mut transaction = store.begin().await?;
         seal::seal(&mut transaction).await?;
         audit::bound(&mut transaction, settings.audit_entries).await?;

@@ -38,8 +38,9 @@ async fn upload(server: &Server) {
     }
     server.get(&format!("{path}/b1/rejections")).await.expect(200);
     for batch in ["b1", "b2"] {
-        server.send(server.request(Method::DELETE, &format!("{path}/{batch}"))).await.expect(200);
+        server.send(server.request(Method::DELETE, &format!("{path}/{batch}?erase=true"))).await.expect(200);
     }
+    while server.get(&format!("{path}/b2")).await["erased_at"].is_null() {}
     server.post("/v1/models/uploads/tasks", &json!({"batches": ["b1"]})).await.expect(409);
     server.upload("uploads", "?regime=fast", &mixed).await.expect(201);
     server.upload("uploads", "?regime=slow", &events("f", 9, 6.0)).await.expect(201);

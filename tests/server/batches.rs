@@ -26,10 +26,6 @@ async fn a_batch_is_retracted_at_once_and_may_come_again() {
     let events = events("e", 4, 10.0);
     let uploaded = server.upload("default", "", &events).await.expect(201);
     let path = format!("{PATH}/{}", uploaded["batch_id"].as_str().unwrap());
-    server
-        .send(server.request(Method::DELETE, &format!("{path}?erase=true")))
-        .await
-        .expect_problem(501, "not_available");
     for _ in 0..2 {
         let retracted = server.send(server.request(Method::DELETE, &path)).await.expect(200);
         assert_eq!((&retracted["events"]["retracted"], &retracted["events"]["pending"]), (&json!(4), &json!(0)));

@@ -17,6 +17,8 @@ mod browsers;
 mod contract;
 /// Damaged databases.
 mod corruption;
+/// Content that goes for good.
+mod erase;
 /// Versions and reference drivers on events that are not kept.
 mod evaluate;
 /// Keys that are sent again.

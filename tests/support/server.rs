@@ -27,6 +27,9 @@ promotion = "auto"
 training_threads = 1
 checkpoint_s = 0.05
 trigger_interval_s = 0.2
+[upkeep]
+interval_s = 0.1
+spare_pages = 0
 [log]
 filter = "warn"
 "#;

@@ -1,0 +1,65 @@
+//! How large the database is, and giving back what it does not use.
+
+use sqlx::{AssertSqlSafe, Row, query};
+
+use super::{Store, StoreError};
+
+/// Bytes on the disk.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct DatabaseSize {
+    /// Of the database's file.
+    pub database: u64,
+    /// Of its write-ahead log.
+    pub log: u64,
+    /// Of pages in the file that nothing uses.
+    pub unused: u64,
+}
+
+impl Store {
+    /// How large it is.
+    ///
+    /// # Errors
+    /// When the database cannot be read.
+    pub async fn size(&self) -> Result<DatabaseSize, StoreError> {
+        let bytes = |path: &std::path::Path| std::fs::metadata(path).map_or(0, |found| found.len());
+        let mut log = self.path.clone().into_os_string();
+        log.push("-wal");
+        let row = query("pragma page_size").fetch_one(&self.readers).await?;
+        let page: i64 = row.try_get("page_size")?;
+        let unused = self.unused_pages().await? * page.unsigned_abs();
+        Ok(DatabaseSize { database: bytes(&self.path), log: bytes(log.as_ref()), unused })
+    }
+
+    /// Pages of the file that nothing uses.
+    ///
+    /// # Errors
+    /// When the database cannot be read.
+    pub async fn unused_pages(&self) -> Result<u64, StoreError> {
+        let row = query("pragma freelist_count").fetch_one(&self.readers).await?;
+        Ok(row.try_get::<i64, _>("freelist_count")?.unsigned_abs())
+    }
+
+    /// Gives up to `pages` unused pages at the end of the file back to the file system. `false` where the file does not
+    /// let go of pages one by one, as those that releases before 0.2 made: [`Self::compact`] changes that.
+    ///
+    /// # Errors
+    /// When the database cannot be written.
+    pub async fn give_back(&self, pages: u32) -> Result<bool, StoreError> {
+        let before = self.unused_pages().await?;
+        query(AssertSqlSafe(format!("pragma incremental_vacuum({pages})"))).fetch_all(&self.writer).await?;
+        Ok(self.unused_pages().await? < before)
+    }
+
+    /// Writes the whole database anew, without what it does not use, and so that it lets go of pages one by one from then
+    /// on. Takes as much room again while it lasts, and nobody else writes meanwhile.
+    ///
+    /// # Errors
+    /// When the database cannot be written.
+    pub async fn compact(&self) -> Result<(), StoreError> {
+        let mut writer = self.writer.acquire().await?;
+        query("pragma auto_vacuum = incremental").execute(&mut *writer).await?;
+        query("vacuum").execute(&mut *writer).await?;
+        query("pragma wal_checkpoint(truncate)").fetch_all(&mut *writer).await?;
+        Ok(())
+    }
+}
