@@ -129,6 +129,7 @@ fn describe() {
         Unit::Count,
         "1 when the version that serves has learned what was retracted later."
     );
+    describe_gauge!("headway_sources_held", Unit::Count, "Sources whose events wait until they are released.");
     describe_gauge!("headway_database_bytes", Unit::Bytes, "Of the database's file.");
     describe_gauge!("headway_database_wal_bytes", Unit::Bytes, "Of its write-ahead log.");
     describe_gauge!("headway_database_unused_bytes", Unit::Bytes, "Of pages in the file that nothing uses.");
@@ -202,6 +203,7 @@ impl Metrics {
             gauge!("headway_live_version", "model" => model.clone()).set(state.live.unwrap_or(0) as f64);
             gauge!("headway_live_version_tainted", "model" => model.clone())
                 .set(f64::from(u8::from(state.live_tainted)));
+            gauge!("headway_sources_held", "model" => model.clone()).set(state.held_sources as f64);
             gauge!("headway_tasks", "model" => model.clone(), "state" => "queued").set(state.queued as f64);
             gauge!("headway_tasks", "model" => model.clone(), "state" => "running").set(state.running as f64);
         });

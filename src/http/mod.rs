@@ -55,6 +55,8 @@ mod serving;
 mod settings;
 /// What browsers are told.
 mod shield;
+/// Where events come from, and releasing what is held.
+mod sources;
 /// Tasks counted as they end.
 pub mod tally;
 /// Learning on request.
@@ -151,6 +153,8 @@ fn routes() -> Vec<Route> {
         at("/v1/models/{model}/batches").get(AnyKey, batches::list).post(May(Ingest), batches::upload),
         at("/v1/models/{model}/batches/{batch_id}").get(AnyKey, batches::read).delete(May(Train), batches::retract),
         at("/v1/models/{model}/batches/{batch_id}/rejections").get(AnyKey, batches::rejections),
+        at("/v1/models/{model}/sources").get(AnyKey, sources::list),
+        at("/v1/models/{model}/sources/{source}/release").post(May(Train), sources::release),
         at("/v1/models/{model}/tasks").get(AnyKey, tasks::list).post(May(Train), tasks::create),
         at("/v1/models/{model}/tasks/{task_id}").get(AnyKey, tasks::read),
         at("/v1/models/{model}/tasks/{task_id}/cancel").post(May(Train), tasks::cancel),

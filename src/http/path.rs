@@ -26,6 +26,10 @@ pub(super) struct BatchAt(pub i64);
 #[derive(Debug, Clone, Copy)]
 pub(super) struct TaskAt(pub i64);
 
+/// The source a path names, as uploads do.
+#[derive(Debug)]
+pub(super) struct SourceAt(pub String);
+
 /// The version a path names: `3`.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct VersionAt(pub i64);
@@ -36,6 +40,14 @@ impl FromRequestParts<Arc<AppState>> for ModelAt {
     async fn from_request_parts(parts: &mut Parts, app: &Arc<AppState>) -> Result<Self, Problem> {
         let name = parameter(parts, "model").await?;
         find_model(app, &name).await.map(Self)
+    }
+}
+
+impl FromRequestParts<Arc<AppState>> for SourceAt {
+    type Rejection = Problem;
+
+    async fn from_request_parts(parts: &mut Parts, _: &Arc<AppState>) -> Result<Self, Problem> {
+        parameter(parts, "source").await.map(Self)
     }
 }
 

@@ -21,6 +21,8 @@ const IN_FLIGHT: usize = 4;
 pub(super) struct Arrivals {
     pub(super) accepted: Vec<NewEvent>,
     pub(super) rejected: Vec<Rejection>,
+    /// Of every event with a source that was checked, in order: the source, and whether it passed.
+    pub(super) checked: Vec<(String, bool)>,
     bytes: u64,
 }
 
@@ -38,6 +40,13 @@ impl Arrivals {
     fn reject(&mut self, rejection: Rejection) {
         self.bytes += rejection.detail.len() as u64 + Self::OVERHEAD;
         self.rejected.push(rejection);
+    }
+
+    fn note(&mut self, source: Option<&str>, passed: bool) {
+        if let Some(source) = source {
+            self.bytes += source.len() as u64;
+            self.checked.push((source.to_owned(), passed));
+        }
     }
 
     fn are_enough(&self) -> bool {
@@ -93,8 +102,14 @@ fn run(
         match decoded {
             Err(rejection) => arrivals.reject(rejection),
             Ok(raw) => match checks.check(&raw.recording, &conversion, &target) {
-                Err(defects) => arrivals.reject(raw.reject(defects)),
-                Ok(event) => arrivals.accept(arriving(raw, event, model, source, regime)),
+                Err(defects) => {
+                    arrivals.note(raw.source.as_deref().or(source), false);
+                    arrivals.reject(raw.reject(defects));
+                }
+                Ok(event) => {
+                    arrivals.note(raw.source.as_deref().or(source), true);
+                    arrivals.accept(arriving(raw, event, model, source, regime));
+                }
             },
         }
         if arrivals.are_enough() && sender.blocking_send(std::mem::take(&mut arrivals)).is_err() {
@@ -127,5 +142,6 @@ fn arriving(
         regime: model.regimes.regime(regime, event.mean_speed_mps()),
         content_sha256,
         event,
+        held: false,
     }
 }

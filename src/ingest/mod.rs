@@ -7,6 +7,7 @@ mod options;
 mod receipt;
 mod receive;
 mod settings;
+mod sources;
 mod spool;
 #[cfg(test)]
 mod tests;
@@ -18,5 +19,6 @@ pub use options::{OptionError, SpacingKind, UploadOptions};
 pub use receipt::{Receipt, SpeedRange, Summary};
 pub use receive::{Received, receive};
 pub use settings::{IngestSettings, IngestSettingsError};
+pub use sources::SourceSettings;
 pub use spool::{Interrupted, Spool, SpoolError, Spooled, spool};
 pub use upload::Upload;

@@ -23,6 +23,8 @@ pub struct Receipt {
     pub rejected: Vec<Rejection>,
     /// What was accepted.
     pub summary: Summary,
+    /// Sources of its events that are held: what they sent waits until they are released.
+    pub held_sources: Vec<String>,
 }
 
 impl Receipt {

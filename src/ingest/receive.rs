@@ -1,9 +1,12 @@
 //! From a spooled body to a batch in an open transaction.
 
+use std::collections::BTreeSet;
+
 use jiff::Timestamp;
 
 use super::decode::{Arrivals, Decoding};
 use super::receipt::{Receipt, Summary};
+use super::sources::Sources;
 use super::{IngestError, IngestSettings, Upload};
 use crate::store::batch::{self, BatchOutcome, NewBatch};
 use crate::store::{Actor, Store, WriteTransaction, event, rejection};
@@ -53,7 +56,8 @@ pub async fn receive(
     }
     let mut transaction = store.begin_for(by).await?;
     let batch_id = batch::begin(&mut transaction, &new).await?;
-    let mut writer = Writer::new(new.model_id, batch_id, now, settings.max_listed_rejections);
+    let sources = Sources::new(new.model_id, settings.sources.clone());
+    let mut writer = Writer::new(new.model_id, batch_id, now, settings.max_listed_rejections, sources);
     for arrivals in buffer {
         writer.take(&mut transaction, arrivals).await?;
     }
@@ -73,11 +77,12 @@ struct Writer {
     now: Timestamp,
     max_listed: usize,
     linked: i64,
+    sources: Sources,
     receipt: Receipt,
 }
 
 impl Writer {
-    fn new(model_id: i64, batch_id: i64, now: Timestamp, max_listed: u32) -> Self {
+    fn new(model_id: i64, batch_id: i64, now: Timestamp, max_listed: u32, sources: Sources) -> Self {
         let receipt = Receipt {
             batch_id,
             accepted: 0,
@@ -85,13 +90,23 @@ impl Writer {
             rejected_count: 0,
             rejected: Vec::new(),
             summary: Summary::default(),
+            held_sources: Vec::new(),
         };
-        Self { model_id, now, max_listed: max_listed as usize, linked: 0, receipt }
+        Self { model_id, now, max_listed: max_listed as usize, linked: 0, sources, receipt }
     }
 
     async fn take(&mut self, transaction: &mut WriteTransaction, arrivals: Arrivals) -> Result<(), IngestError> {
-        let Arrivals { accepted, mut rejected, .. } = arrivals;
+        let Arrivals { mut accepted, mut rejected, checked, .. } = arrivals;
         let batch_id = self.receipt.batch_id;
+        let mut held = BTreeSet::new();
+        for (source, passed) in checked {
+            if self.sources.note(transaction, &source, passed).await? {
+                held.insert(source);
+            }
+        }
+        for event in &mut accepted {
+            event.held = event.source.as_ref().is_some_and(|source| held.contains(source));
+        }
         let links = event::store(transaction, self.model_id, batch_id, &accepted, self.now).await?;
         event::link(transaction, batch_id, self.linked, &links).await?;
         self.linked += i64::try_from(links.len()).expect("a body's events are bounded");
@@ -111,7 +126,8 @@ impl Writer {
         Ok(())
     }
 
-    async fn end(self, transaction: &mut WriteTransaction) -> Result<Receipt, IngestError> {
+    async fn end(mut self, transaction: &mut WriteTransaction) -> Result<Receipt, IngestError> {
+        self.receipt.held_sources = self.sources.end(transaction, self.now).await?;
         let outcome = BatchOutcome {
             accepted: self.receipt.accepted,
             duplicates: self.receipt.duplicates,

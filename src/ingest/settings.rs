@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use serde::{Deserialize, Serialize};
 
+use super::sources::SourceSettings;
 use crate::car_following::{CheckSettings, CheckSettingsError};
 use crate::formats::{FormatLimits, FormatLimitsError};
 
@@ -27,6 +28,8 @@ pub struct IngestSettings {
     pub limits: FormatLimits,
     /// Of an event's physics.
     pub checks: CheckSettings,
+    /// When a source is held.
+    pub sources: SourceSettings,
 }
 
 impl Default for IngestSettings {
@@ -38,6 +41,7 @@ impl Default for IngestSettings {
             max_listed_rejections: MAX_LISTED,
             limits: FormatLimits::default(),
             checks: CheckSettings::default(),
+            sources: SourceSettings::default(),
         }
     }
 }
@@ -51,6 +55,9 @@ pub enum IngestSettingsError {
     /// Of the checks.
     #[error("checks.{0}")]
     Checks(#[from] CheckSettingsError),
+    /// Of holding sources.
+    #[error("sources.{0}: {1} is not within {2} to {3}")]
+    Sources(&'static str, f64, f64, f64),
     /// A body of no bytes is none.
     #[error("max_body_bytes must be at least 1")]
     Body,
@@ -70,6 +77,9 @@ impl IngestSettings {
         }
         if self.max_listed_rejections > MAX_LISTED {
             return Err(IngestSettingsError::Listed);
+        }
+        if let Some((name, value, range)) = self.sources.numbers().into_iter().find(|(_, value, range)| !range.contains(value)) {
+            return Err(IngestSettingsError::Sources(name, value, *range.start(), *range.end()));
         }
         Ok(Self { limits: self.limits.checked()?, checks: self.checks.checked()?, ..self })
     }

@@ -16,6 +16,8 @@ pub struct ModelCensus {
     pub live: Option<i64>,
     /// Whether it learned what was retracted later.
     pub live_tainted: bool,
+    /// Sources that are held.
+    pub held_sources: u64,
     /// Tasks that wait.
     pub queued: u64,
     /// Tasks that run.
@@ -31,6 +33,7 @@ impl Store {
         let rows = query(
             "select m.model_id, m.name, m.live_version,
                     exists (select 1 from taint x where x.model_id = m.model_id and x.version = m.live_version) as live_tainted,
+                    (select count(*) from source s where s.model_id = m.model_id and s.held_at is not null) as held_sources,
                     (select count(*) from task t where t.model_id = m.model_id and t.state in ('queued', 'running')
                          and t.state = 'queued') as queued,
                     (select count(*) from task t where t.model_id = m.model_id and t.state in ('queued', 'running')
@@ -46,6 +49,7 @@ impl Store {
                     name: row.try_get("name")?,
                     live: row.try_get("live_version")?,
                     live_tainted: row.try_get("live_tainted")?,
+                    held_sources: count(row, "held_sources")?,
                     queued: count(row, "queued")?,
                     running: count(row, "running")?,
                 })

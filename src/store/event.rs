@@ -31,6 +31,8 @@ pub struct NewEvent {
     pub content_sha256: [u8; 32],
     /// Its content.
     pub event: Event,
+    /// Whether it waits until its source is released.
+    pub held: bool,
 }
 
 /// Where an event of a batch is stored.
@@ -92,7 +94,7 @@ async fn insert(
         let event = &arriving.event;
         row.push_bind(model_id).push_bind(&arriving.content_sha256[..]).push_bind(batch_id);
         row.push_bind(&arriving.name).push_bind(arriving.source.as_deref()).push_bind(arriving.run.as_deref());
-        row.push_bind(arriving.split.as_str()).push_bind(arriving.regime.as_str()).push("'pending'");
+        row.push_bind(arriving.split.as_str()).push_bind(arriving.regime.as_str()).push_bind(if arriving.held { "held" } else { "pending" });
         row.push_bind(event.dt_s()).push_bind(i64::try_from(event.steps()).expect("an event's steps are bounded"));
         row.push_bind(event.mean_speed_mps()).push_bind(&arrived_at).push_bind(event.to_bytes());
     });
@@ -100,6 +102,7 @@ async fn insert(
     insert.push(
         " on conflict (model_id, content_sha256) do update set
              dt_s = excluded.dt_s, steps = excluded.steps, arrays = excluded.arrays,
+             pruned_at = null,
              batch_id = iif(state = 'retracted', excluded.batch_id, batch_id),
              name = iif(state = 'retracted', excluded.name, name),
              source = iif(state = 'retracted', excluded.source, source),
@@ -107,7 +110,7 @@ async fn insert(
              split = iif(state = 'retracted', excluded.split, split),
              regime = iif(state = 'retracted', excluded.regime, regime),
              arrived_at = iif(state = 'retracted', excluded.arrived_at, arrived_at),
-             state = iif(state = 'retracted', 'pending', state)
+             state = iif(state = 'retracted', excluded.state, state)
          where state = 'retracted' or arrays <> excluded.arrays or dt_s <> excluded.dt_s
          returning event_id, content_sha256, batch_id",
     );

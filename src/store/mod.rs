@@ -44,6 +44,8 @@ mod seal;
 pub mod selection;
 mod settings;
 mod size;
+/// Where events come from, and what of it is held.
+pub mod source;
 mod taint;
 /// Tasks: reading, starting, cancelling.
 pub mod task;

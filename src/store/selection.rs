@@ -17,7 +17,8 @@ pub enum Selection {
         /// Only these; all where none.
         regime: Option<RegimeName>,
     },
-    /// Those of these batches, also the ones that were set aside, held or learned before.
+    /// Those of these batches, also the ones that were set aside, held or learned before; neither those of a source that is
+    /// held nor those whose arrays were not kept.
     Batches {
         /// Batch ids.
         batches: Vec<i64>,
@@ -216,6 +217,8 @@ async fn groups(
                 "select e.regime, min(e.event_id) as first from json_each(?) named
                  join batch_event be on be.batch_id = named.value join event e on e.event_id = be.event_id
                  where e.state in ('pending', 'set_aside', 'held', 'learned') and e.mean_speed_mps between ? and ?
+                     and e.pruned_at is null and not (e.state = 'held' and exists (select 1 from source s
+                         where s.model_id = e.model_id and s.name = e.source and s.held_at is not null))
                  group by e.regime order by first",
             )
             .bind(named)
@@ -304,7 +307,9 @@ const CLAIM_NAMED: (&str, &str) = (
      select distinct ?1, e.event_id from json_each(?6) named
      join batch_event be on be.batch_id = named.value join event e on e.event_id = be.event_id
      where e.model_id = ?2 and (?3 is null or e.regime = ?3) and e.mean_speed_mps between ?4 and ?5
-         and e.state in ('pending', 'set_aside', 'held', 'learned')",
+         and e.state in ('pending', 'set_aside', 'held', 'learned') and e.pruned_at is null
+         and not (e.state = 'held' and exists (select 1 from source s
+                  where s.model_id = e.model_id and s.name = e.source and s.held_at is not null))",
     "insert into task_batch (task_id, batch_id)
      select distinct ?1, be.batch_id from json_each(?2) named
      join batch_event be on be.batch_id = named.value

@@ -44,6 +44,10 @@ async fn upload(server: &Server) {
     server.post("/v1/models/uploads/tasks", &json!({"batches": ["b1"]})).await.expect(409);
     server.upload("uploads", "?regime=fast", &mixed).await.expect(201);
     server.upload("uploads", "?regime=slow", &events("f", 9, 6.0)).await.expect(201);
+    let failing: Vec<_> = std::iter::repeat_n(mixed.last().unwrap().clone(), 60).chain(events("h", 2, 9.0)).collect();
+    server.upload("uploads", "?source=site", &failing).await.expect(201);
+    server.get("/v1/models/uploads/sources").await.expect(200);
+    server.post("/v1/models/uploads/sources/site/release", &json!({})).await.expect(200);
 }
 
 /// Tasks of every kind of method, from whatever selects events.

@@ -24,7 +24,7 @@ use sqlx::sqlite::{SqliteConnectOptions, SqliteConnection};
 use sqlx::{AssertSqlSafe, ConnectOptions as _, Row, query};
 
 /// Tables that grow with the history. Models do not, and checkpoints are those of running tasks.
-const GROWING: [&str; 18] = [
+const GROWING: [&str; 20] = [
     "event",
     "batch",
     "batch_event",
@@ -40,6 +40,8 @@ const GROWING: [&str; 18] = [
     "version_regime",
     "history",
     "replay",
+    "source",
+    "pruned",
     "taint",
     "idempotency",
     "audit",

@@ -37,6 +37,7 @@ async fn every_method_of_the_contract_is_routed_and_no_other() {
             .replace("{model}", "absent")
             .replace("{batch_id}", "b1")
             .replace("{task_id}", "t1")
+            .replace("{source}", "site")
             .replace("{version}", "1")
             .replace("{key_id}", "0123456789abcdef");
         for method in ["GET", "POST", "PUT", "PATCH", "DELETE"] {

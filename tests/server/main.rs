@@ -41,6 +41,8 @@ mod retract;
 mod serving;
 /// Predictions, which are recognised before the router.
 mod short_way;
+/// Sources that are held.
+mod sources;
 /// Stopping and starting again.
 mod stopping;
 /// Strengths that are searched.
