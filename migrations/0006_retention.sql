@@ -11,6 +11,7 @@ create table source (
     released_at text,
     unique (model_id, name)
 ) strict;
+create index source_by_model on source (model_id, source_id);
 create index source_held on source (model_id) where held_at is not null;
 create index event_held on event (model_id, source) where state = 'held';
 

@@ -43,7 +43,7 @@ pub async fn serve(
     let address = listener.local_addr().context("the listener has no address")?;
     let tls = Tls::load(&config.server.tls)?;
     let state = assemble(config, address, stopping.clone()).await?;
-    let upkeep = Upkeep::new(Arc::clone(&state.store), state.scheduler.clone(), upkeep);
+    let upkeep = Upkeep::new(Arc::clone(&state.store), state.scheduler.clone(), Arc::clone(&state.predictor), upkeep);
     let scheduler = state.scheduler.clone();
     let store = Arc::clone(&state.store);
     if let Some(tls) = &tls {

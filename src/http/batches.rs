@@ -56,6 +56,7 @@ fn body(model: &Model, batch: &Batch) -> Value {
 fn counted_body(model: &Model, batch: &Batch, counts: EventCounts) -> Value {
     let mut body = body(model, batch);
     body["events"] = json!(counts);
+    body["pruned_events"] = json!(counts.pruned);
     body
 }
 
@@ -188,15 +189,21 @@ pub(super) async fn retract(
         caller.must(Scope::Admin)?;
     }
     let mut tx = app.store.begin_for(&by).await?;
-    let (stopped, replaying) =
-        match retract::retract(&mut tx, model.model_id, batch, &by.name, Timestamp::now()).await? {
-            Retracted::Done { stopped, .. } => (stopped, None),
-            Retracted::Replaying { task_id, stopped } => (stopped, Some(task_id)),
-            Retracted::Before { replaying } => (Vec::new(), replaying),
-            Retracted::Unknown => {
-                return Err(Code::BatchNotFound.because(format!("{} has no batch {}", model.name, batch_id(batch))));
-            }
-        };
+    let (stopped, replaying) = match retract::retract(&mut tx, model.model_id, batch, &by.name, Timestamp::now())
+        .await?
+    {
+        Retracted::Done { stopped, .. } => (stopped, None),
+        Retracted::Replaying { task_id, stopped } => (stopped, Some(task_id)),
+        Retracted::Before { replaying } => (Vec::new(), replaying),
+        Retracted::Pruned { version } => {
+            let why = "would have to be learned again without the batch, and retention did not keep its events; roll back to a \
+                       version before it, or learn anew";
+            return Err(Code::EventsPruned.because(format!("version {version} {why}")));
+        }
+        Retracted::Unknown => {
+            return Err(Code::BatchNotFound.because(format!("{} has no batch {}", model.name, batch_id(batch))));
+        }
+    };
     if query.erase == Some(true) {
         erase::ask(&mut tx, batch, Timestamp::now()).await?;
     }

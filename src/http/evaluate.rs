@@ -131,6 +131,7 @@ fn refusal(model: &Model, error: PredictError) -> Problem {
     match error {
         PredictError::UnknownVersion(version) => versions::missing(model.name.as_str(), version),
         PredictError::Unusable(_) => Code::Corrupt.because(error.to_string()),
+        PredictError::Pruned(_) => Code::VersionPruned.because(error.to_string()),
         PredictError::Store(error) => error.into(),
         error => Problem::internal(error),
     }

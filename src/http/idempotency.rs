@@ -10,8 +10,8 @@ use super::AppState;
 use super::answer::Answer;
 use super::gate::Caller;
 use super::problem::{Code, Problem};
-use crate::store::{WriteTransaction, erase};
 use crate::store::idempotency::{self, Recollection, RequestIdentity};
+use crate::store::{WriteTransaction, erase};
 
 /// Longest key accepted, in bytes.
 pub(super) const MAX_KEY_BYTES: usize = 255;

@@ -201,6 +201,7 @@ fn refusal(model: &ServedAt, error: PredictError) -> Problem {
         PredictError::UnknownVersion(version) => versions::missing(&model.name, version),
         PredictError::Busy => busy(),
         PredictError::Unusable(_) => Code::Corrupt.because(error.to_string()),
+        PredictError::Pruned(_) => Code::VersionPruned.because(error.to_string()),
         PredictError::Store(error) => error.into(),
         // Windows are checked above, with pointers; what the predictor still refuses is a bug here.
         error => Problem::internal(error),

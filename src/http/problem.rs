@@ -46,6 +46,8 @@ pub enum Code {
     BodyTimeout,
     ModelExists,
     VersionTainted,
+    VersionPruned,
+    EventsPruned,
     NothingPending,
     TaskEnded,
     NoLiveVersion,
@@ -75,7 +77,7 @@ pub enum Code {
 
 impl Code {
     /// Every code, for the contract test.
-    pub const ALL: [Self; 46] = [
+    pub const ALL: [Self; 48] = [
         Self::MalformedJson,
         Self::TruncatedBody,
         Self::MalformedBody,
@@ -98,6 +100,8 @@ impl Code {
         Self::BodyTimeout,
         Self::ModelExists,
         Self::VersionTainted,
+        Self::VersionPruned,
+        Self::EventsPruned,
         Self::NothingPending,
         Self::TaskEnded,
         Self::NoLiveVersion,
@@ -152,6 +156,8 @@ impl Code {
             Self::BodyTimeout => ("body_timeout", S::REQUEST_TIMEOUT, "The body did not arrive in time"),
             Self::ModelExists => ("model_exists", S::CONFLICT, "The model's name is taken"),
             Self::VersionTainted => ("version_tainted", S::CONFLICT, "The version learned what was retracted"),
+            Self::VersionPruned => ("version_pruned", S::GONE, "The version's weights were not kept"),
+            Self::EventsPruned => ("events_pruned", S::CONFLICT, "Events that are needed were not kept"),
             Self::NothingPending => ("nothing_pending", S::CONFLICT, "No event waits to be learned"),
             Self::TaskEnded => ("task_ended", S::CONFLICT, "The task has ended"),
             Self::NoLiveVersion => ("no_live_version", S::CONFLICT, "The model has no live version"),
@@ -372,9 +378,8 @@ impl From<crate::store::StoreError> for Problem {
 
 impl From<crate::lineage::SettingsError> for Problem {
     fn from(error: crate::lineage::SettingsError) -> Self {
-        let code = if error.code == "not_available" { Code::NotAvailable } else { Code::InvalidSettings };
         let pointer = if error.name.is_empty() { "/settings".to_owned() } else { format!("/settings/{}", error.name) };
-        code.because(error.to_string()).with_error(InputError::at(pointer, error.code, error.detail))
+        Code::InvalidSettings.because(error.to_string()).with_error(InputError::at(pointer, error.code, error.detail))
     }
 }
 

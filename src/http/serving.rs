@@ -153,6 +153,7 @@ fn refusal(model: &Model, refused: MoveRefused) -> Problem {
     match refused {
         MoveRefused::UnknownVersion(version) => versions::missing(model.name.as_str(), version),
         MoveRefused::NothingLive => Code::NoLiveVersion.because(refused.to_string()),
+        MoveRefused::Pruned(_) => Code::VersionPruned.because(refused.to_string()),
         MoveRefused::Tainted(_) => Code::VersionTainted.because(refused.to_string()),
         MoveRefused::NoParent(_) => Code::NoParentVersion.because(refused.to_string()),
     }

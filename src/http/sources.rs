@@ -11,8 +11,8 @@ use super::answer::Answer;
 use super::path::{ModelAt, SourceAt, task_id};
 use super::problem::{Code, Problem};
 use super::query::Page;
-use crate::store::selection;
 use crate::store::source::{self, Source};
+use crate::store::{Actor, selection};
 
 fn body(source: &Source) -> Value {
     json!({
@@ -42,9 +42,10 @@ pub(super) async fn release(
     State(app): State<Arc<AppState>>,
     ModelAt(model): ModelAt,
     SourceAt(name): SourceAt,
+    by: Actor,
 ) -> Result<Answer, Problem> {
     let missing = || Code::SourceNotFound.because(format!("{} knows no source {name:?}", model.name));
-    let mut tx = app.store.begin().await?;
+    let mut tx = app.store.begin_for(&by).await?;
     let now = Timestamp::now();
     source::get(&mut tx, model.model_id, &name).await?.ok_or_else(missing)?;
     let released = source::release(&mut tx, model.model_id, &name, now).await?;

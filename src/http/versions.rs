@@ -52,6 +52,7 @@ fn body(app: &AppState, model: &Model, version: &Version) -> Value {
         "promotion": version.promotion,
         "corrupt": corrupt,
         "tainted": version.tainted,
+        "pruned": version.pruned,
         "note": version.note,
         "created_at": version.created_at.to_string(),
     })
@@ -84,10 +85,17 @@ pub(super) async fn read(
     VersionAt(version): VersionAt,
 ) -> Result<Answer, Problem> {
     let version = find(&app, &model, version).await?;
+    if version.pruned {
+        return Ok(Answer::ok(&body(&app, &model, &version)));
+    }
     // Its weights are looked at here, and not for every version of a list.
     match app.store.weights(model.model_id, version.version).await {
         Ok(_) | Err(StoreError::Corrupt { .. }) => Ok(Answer::ok(&body(&app, &model, &version))),
-        Err(error) => Err(error.into()),
+        Err(error) => match find(&app, &model, version.version).await? {
+            // Its weights went meanwhile.
+            pruned if pruned.pruned => Ok(Answer::ok(&body(&app, &model, &pruned))),
+            _ => Err(error.into()),
+        },
     }
 }
 

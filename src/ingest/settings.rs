@@ -78,7 +78,9 @@ impl IngestSettings {
         if self.max_listed_rejections > MAX_LISTED {
             return Err(IngestSettingsError::Listed);
         }
-        if let Some((name, value, range)) = self.sources.numbers().into_iter().find(|(_, value, range)| !range.contains(value)) {
+        if let Some((name, value, range)) =
+            self.sources.numbers().into_iter().find(|(_, value, range)| !range.contains(value))
+        {
             return Err(IngestSettingsError::Sources(name, value, *range.start(), *range.end()));
         }
         Ok(Self { limits: self.limits.checked()?, checks: self.checks.checked()?, ..self })

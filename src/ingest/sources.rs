@@ -106,7 +106,9 @@ impl Sources {
             let from = seen.outcomes.len().saturating_sub(self.settings.window as usize);
             let outcomes = &seen.outcomes[from..];
             source::note(transaction, self.model_id, &name, outcomes).await?;
-            if !seen.held && let Some(reason) = self.settings.objection(outcomes) {
+            if !seen.held
+                && let Some(reason) = self.settings.objection(outcomes)
+            {
                 source::hold(transaction, self.model_id, &name, &reason, now).await?;
                 tracing::warn!(model_id = self.model_id, source = name, reason, "a source is held");
                 held.push(name);

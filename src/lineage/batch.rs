@@ -54,6 +54,9 @@ pub struct EventCounts {
     pub held: u64,
     /// Withdrawn.
     pub retracted: u64,
+    /// Of all these, those whose arrays retention did not keep.
+    #[serde(skip)]
+    pub pruned: u64,
 }
 
 /// Where in a body something is.

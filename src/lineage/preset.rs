@@ -3,8 +3,8 @@
 use serde::{Deserialize, Serialize};
 
 use super::ModelSettings;
-use super::PromotionPolicy;
 use super::regime::{AutomaticSchedule, RegimeRule, Schedule};
+use super::{PromotionPolicy, Retention};
 use crate::consolidation::{Estimator, MasOutput, Output, PenaltyStep};
 use crate::driver::{Features, Memory};
 use crate::training::RateSchedule;
@@ -81,5 +81,6 @@ fn paper() -> ModelSettings {
         promotion_error_ratio: 1.1,
         max_regimes: 64,
         test_reservoir: 500,
+        retention: Retention::default(),
     }
 }

@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use super::regime::{RegimeRule, Schedule};
-use super::{Preset, PromotionPolicy, Strength};
+use super::{Preset, PromotionPolicy, Retention, Strength};
 use crate::consolidation::{Accumulation, Estimator, MasOutput, Method, Output, PenaltyStep};
 use crate::driver::{Features, Memory};
 use crate::training::RateSchedule;
@@ -88,6 +88,8 @@ pub struct ModelSettings {
     pub max_regimes: u32,
     /// Most test events kept per regime.
     pub test_reservoir: u32,
+    /// What is kept of events and versions.
+    pub retention: Retention,
 }
 
 impl Default for ModelSettings {
@@ -115,7 +117,7 @@ mod before {
 pub struct SettingsError {
     /// The setting; empty when the object as a whole is wrong.
     pub name: String,
-    /// `not_available` for what another release brings, else `invalid_setting`.
+    /// `invalid_setting`.
     pub code: &'static str,
     /// What would be right.
     pub detail: String,
@@ -126,7 +128,7 @@ impl ModelSettings {
     /// `preset` names where the settings that are not given come from instead.
     ///
     /// # Errors
-    /// An unknown name, a value of the wrong type or out of range, or an option that is not there yet.
+    /// An unknown name, or a value of the wrong type or out of range.
     pub fn overridden(&self, overrides: &Value) -> Result<Self, SettingsError> {
         let members = match overrides {
             Value::Null => return Ok(self.clone()),
@@ -140,9 +142,6 @@ impl ModelSettings {
             unreachable!("settings are an object")
         };
         for (name, value) in members.iter().filter(|(name, _)| *name != "preset") {
-            if name == "retention" {
-                return Err(SettingsError::not_available(name));
-            }
             if !resolved.contains_key(name) {
                 let known: Vec<_> = resolved.keys().map(String::as_str).collect();
                 return Err(SettingsError::invalid(name, &format!("unknown; known are {}", known.join(", "))));
@@ -203,6 +202,7 @@ impl ModelSettings {
         real("promotion_error_ratio", self.promotion_error_ratio, 1.0, 1e6)?;
         whole("max_regimes", self.max_regimes, 1, 4096)?;
         whole("test_reservoir", self.test_reservoir, 1, 100_000)?;
+        whole("retention", self.retention.versions.unwrap_or(1), 1, u32::MAX)?;
         if let RegimeRule::Bands(bands) = &self.regimes
             && let Some(defect) = bands.defect()
         {
@@ -237,12 +237,6 @@ impl ModelSettings {
 }
 
 impl SettingsError {
-    /// What the interface names and another release brings.
-    fn not_available(name: &str) -> Self {
-        let detail = "the interface names it, but it is not built yet".to_owned();
-        Self { name: name.to_owned(), code: "not_available", detail }
-    }
-
     fn invalid(name: &str, detail: &str) -> Self {
         Self { name: name.to_owned(), code: "invalid_setting", detail: detail.to_owned() }
     }
@@ -308,7 +302,8 @@ mod tests {
             (json!({"schedule": [5, 10]}), "schedule"),
             (json!({"memory": "window"}), "features"),
             (json!({"preset": "papers"}), "preset"),
-            (json!({"retention": {}}), "retention"),
+            (json!({"retention": {"versions": 0}}), "retention"),
+            (json!({"retention": {"events_days": 3}}), "retention"),
             (json!([1]), ""),
         ] {
             assert_eq!(ModelSettings::default().overridden(&overrides).unwrap_err().name, name, "{overrides}");

@@ -8,7 +8,7 @@ use crate::driver::DriverShape;
 use crate::training::LearnSettings;
 
 /// What a line of versions shares: another value would make its weights, anchors or test events incomparable.
-const OF_THE_LINE: [&str; 13] = [
+const OF_THE_LINE: [&str; 14] = [
     "hidden",
     "horizon",
     "memory",
@@ -22,6 +22,7 @@ const OF_THE_LINE: [&str; 13] = [
     "split_seed",
     "schedule",
     "regimes",
+    "retention",
 ];
 
 impl ModelSettings {

@@ -49,6 +49,8 @@ pub struct Version {
     pub promotion: Promotion,
     /// Whether it, or one it continues, learned what was retracted later.
     pub tainted: bool,
+    /// Whether its weights and anchors were not kept.
+    pub pruned: bool,
     /// A person's remark.
     pub note: Option<String>,
     /// When the task ended.

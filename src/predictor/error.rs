@@ -11,6 +11,9 @@ pub enum PredictError {
     /// The model has no such version.
     #[error("the model has no version {0}")]
     UnknownVersion(i64),
+    /// The version's weights were not kept.
+    #[error("version {0} is pruned: retention did not keep its weights")]
+    Pruned(i64),
     /// The version is corrupt; it is never served.
     #[error("version {0} is corrupt")]
     Unusable(i64),

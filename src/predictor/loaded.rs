@@ -40,6 +40,9 @@ impl Loaded {
         };
         let found = store.version(model_id, version).await.map_err(|error| told(error, unusable))?;
         let found = found.ok_or(PredictError::UnknownVersion(version))?;
+        if found.pruned {
+            return Err(PredictError::Pruned(version));
+        }
         if let Some(corrupt) = found.corrupt {
             return Err(unusable(&corrupt));
         }

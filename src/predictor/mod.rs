@@ -219,6 +219,11 @@ impl Predictor {
         Ok(loaded)
     }
 
+    /// Lets go of a version whose weights were dropped.
+    pub fn forget(&self, model_id: i64, version: i64) {
+        self.recent.lock().unwrap_or_else(PoisonError::into_inner).forget(model_id, version);
+    }
+
     /// The settings.
     #[must_use]
     pub fn settings(&self) -> &PredictorSettings {

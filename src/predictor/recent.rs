@@ -25,6 +25,10 @@ impl Recent {
         Some(loaded)
     }
 
+    pub(super) fn forget(&mut self, model_id: i64, version: i64) {
+        self.versions.retain(|(model, loaded)| (*model, loaded.version()) != (model_id, version));
+    }
+
     pub(super) fn put(&mut self, model_id: i64, loaded: Arc<Loaded>) {
         let already = self.get(model_id, loaded.version()).is_some();
         if !already {

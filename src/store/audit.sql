@@ -35,6 +35,16 @@ when old.retracted_at is null and new.retracted_at is not null begin
     insert into noted values ('batch.retract', new.model_id, 'b' || new.batch_id, '{}', null);
 end;
 
+create temp trigger noted_erasure after update of erase_asked_at on batch
+when old.erase_asked_at is null and new.erase_asked_at is not null begin
+    insert into noted values ('batch.erase', new.model_id, 'b' || new.batch_id, '{}', null);
+end;
+create temp trigger noted_source after update of held_at on source
+when (old.held_at is null) <> (new.held_at is null) begin
+    insert into noted values (iif(new.held_at is null, 'source.release', 'source.hold'), new.model_id, new.name,
+        json_object('reason', new.reason), null);
+end;
+
 create temp trigger noted_task after insert on task begin
     insert into noted values ('task.create', new.model_id, 't' || new.task_id, json_object('regime', new.regime), null);
 end;

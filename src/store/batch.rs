@@ -127,7 +127,7 @@ impl Store {
     /// When the database cannot be read.
     pub async fn batch_event_counts(&self, batch_id: i64) -> Result<EventCounts, StoreError> {
         let rows = query(
-            "select e.state, count(*) as events
+            "select e.state, count(*) as events, count(e.pruned_at) as pruned
              from (select distinct event_id from batch_event where batch_id = ?) here join event e using (event_id)
              group by e.state",
         )
@@ -146,6 +146,7 @@ impl Store {
                 other => return Err(StoreError::malformed("state", other)),
             };
             *slot += count::<u64>(row, "events")?;
+            counts.pruned += count::<u64>(row, "pruned")?;
         }
         Ok(counts)
     }

@@ -94,7 +94,11 @@ async fn insert(
         let event = &arriving.event;
         row.push_bind(model_id).push_bind(&arriving.content_sha256[..]).push_bind(batch_id);
         row.push_bind(&arriving.name).push_bind(arriving.source.as_deref()).push_bind(arriving.run.as_deref());
-        row.push_bind(arriving.split.as_str()).push_bind(arriving.regime.as_str()).push_bind(if arriving.held { "held" } else { "pending" });
+        row.push_bind(arriving.split.as_str()).push_bind(arriving.regime.as_str()).push_bind(if arriving.held {
+            "held"
+        } else {
+            "pending"
+        });
         row.push_bind(event.dt_s()).push_bind(i64::try_from(event.steps()).expect("an event's steps are bounded"));
         row.push_bind(event.mean_speed_mps()).push_bind(&arrived_at).push_bind(event.to_bytes());
     });

@@ -1,5 +1,5 @@
-//! The events behind a task, a line and a test reservoir. Events that were retracted since are nowhere among them: a version
-//! that learned them may be gone on from all the same.
+//! The events behind a task, a line and a test reservoir. What was retracted since is nowhere among those of a line or a
+//! reservoir, as somebody may have insisted on a version that learned it, nor is what retention did not keep.
 
 use futures_util::{Stream, StreamExt, TryStreamExt};
 use sqlx::sqlite::SqliteRow;
@@ -89,7 +89,7 @@ impl Store {
         let rows = query(with_line!(
             "?2",
             "select e.event_id, e.content_sha256, e.dt_s, e.arrays, e.name, e.batch_id from event e
-             where e.split = 'train' and e.state <> 'retracted' and e.event_id in (
+             where e.split = 'train' and e.state <> 'retracted' and e.pruned_at is null and e.event_id in (
                  select event_id from task_event where task_id = ?3
                  union
                  select te.event_id from line cross join task_event te on te.task_id = line.task_id
@@ -123,7 +123,7 @@ impl Store {
             ", learned as (
                  select distinct line.regime, e.event_id, e.content_sha256
                  from line cross join task_event te using (task_id) join event e using (event_id)
-                 where e.split = ?5 and e.state <> 'retracted' and e.event_id not in (select event_id from task_event where task_id = ?3)
+                 where e.split = ?5 and e.state <> 'retracted' and e.pruned_at is null and e.event_id not in (select event_id from task_event where task_id = ?3)
              ),
              ranked as (
                  select *, row_number() over (partition by regime order by content_sha256) as place from learned
@@ -164,7 +164,7 @@ impl Store {
         let rows = query(with_line!(
             "?2",
             "select e.event_id, e.content_sha256, e.dt_s, e.arrays, e.name, e.batch_id from event e
-             where e.split = 'train' and e.state <> 'retracted' and e.event_id in (
+             where e.split = 'train' and e.state <> 'retracted' and e.pruned_at is null and e.event_id in (
                  select te.event_id from line cross join task t on t.task_id = line.task_id
                  cross join task_event te on te.task_id = t.task_id
                  where ?3 is null or t.regime = ?3

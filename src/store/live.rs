@@ -5,7 +5,7 @@ use sqlx::{Row, query};
 
 use super::history::{self, Action, Change};
 use super::pointers::{self, Pointers};
-use super::{StoreError, WriteTransaction, outcome, taint, version};
+use super::{StoreError, WriteTransaction, outcome, prune, taint, version};
 
 /// A wish to move live (and, for a rollback, head).
 #[derive(Debug, Clone, Copy)]
@@ -50,6 +50,9 @@ pub enum MoveRefused {
     /// The version learned what was retracted later, and nobody insists.
     #[error("version {0} learned what was retracted later; say \"force\": true to let it serve all the same")]
     Tainted(i64),
+    /// The version's weights were not kept.
+    #[error("version {0} is pruned: retention did not keep its weights")]
+    Pruned(i64),
 }
 
 /// Moves live to the named version; head and tasks stay.
@@ -117,7 +120,11 @@ async fn target(
 ) -> Result<Result<i64, MoveRefused>, StoreError> {
     if let Some(named) = request.version {
         let known = version::exists(transaction, model_id, named).await?;
-        return Ok(if known { Ok(named) } else { Err(MoveRefused::UnknownVersion(named)) });
+        return Ok(match known {
+            false => Err(MoveRefused::UnknownVersion(named)),
+            true if prune::is_pruned(transaction, model_id, named).await? => Err(MoveRefused::Pruned(named)),
+            true => Ok(named),
+        });
     }
     let Some(live) = before.live else { return Ok(Err(MoveRefused::NothingLive)) };
     let row = query("select parent from version where model_id = ? and version = ?")

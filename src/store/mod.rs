@@ -33,6 +33,7 @@ pub mod model;
 /// How a task ends.
 pub mod outcome;
 mod pointers;
+mod prune;
 /// Events that were refused.
 pub mod rejection;
 /// The end of a replay.
@@ -113,7 +114,8 @@ impl Store {
             .max_connections(settings.readers)
             .connect_with(options.pragma("query_only", "on"))
             .await?;
-        let store = Self { writer, readers, path: settings.path.clone(), damage: damage::Damage::default(), _lock: lock };
+        let store =
+            Self { writer, readers, path: settings.path.clone(), damage: damage::Damage::default(), _lock: lock };
         let mut transaction = store.begin().await?;
         seal::seal(&mut transaction).await?;
         audit::bound(&mut transaction, settings.audit_entries).await?;

@@ -7,7 +7,7 @@ use super::column::{stored_time, word};
 use super::history::{self, Action, Change};
 use super::line::with_line;
 use super::pointers::{self, Pointers};
-use super::{StoreError, WriteTransaction, outcome, replay, taint};
+use super::{StoreError, WriteTransaction, outcome, prune, replay, taint};
 use crate::lineage::{RegimeName, TaskState};
 
 /// What came of a wish to retract.
@@ -26,6 +26,11 @@ pub enum Retracted {
         task_id: i64,
         /// As above.
         stopped: Vec<i64>,
+    },
+    /// Nothing may be changed: this version would have to be learned again, and arrays of its events were not kept.
+    Pruned {
+        /// The version.
+        version: i64,
     },
     /// It was retracted before; nothing changed.
     Before {
@@ -53,7 +58,8 @@ struct Holder {
 
 /// Retracts a batch. Queued and running tasks go on without the events that only it held, and end where nothing is left for
 /// training. Versions that learned some of these are tainted; where the head's line did, the head moves to before the first
-/// of them, and the stages from there on become the parts of a replay, before everything else that waits.
+/// of them, and the stages from there on become the parts of a replay, before everything else that waits. Where the answer
+/// is [`Retracted::Pruned`] the transaction is to be dropped.
 ///
 /// # Errors
 /// When the database cannot be written.
@@ -80,7 +86,13 @@ pub async fn retract(
     let before = pointers::read(transaction, model_id).await?;
     let line = line(transaction, model_id).await?;
     let first = line.iter().position(|stage| stage.task_id.is_some_and(|task_id| learned.contains(&task_id)));
-    let again = first.map_or(&[][..], |first| &line[first..]);
+    let again = match first {
+        Some(first) => &line[beginning(transaction, model_id, &line, first).await?..],
+        None => &[],
+    };
+    if let Some(version) = lost(transaction, again).await? {
+        return Ok(Retracted::Pruned { version });
+    }
     let newly_tainted = taint::mark(transaction, model_id, batch_id, &learned, now).await?;
     if let Some(stage) = again.first() {
         let after = Pointers { head: stage.parent, ..before };
@@ -189,6 +201,33 @@ async fn line(transaction: &mut WriteTransaction, model_id: i64) -> Result<Vec<L
         })
     });
     stages.collect()
+}
+
+/// The stage to begin with: the first that has to be learned again, or the last before it whose parent has its weights.
+async fn beginning(
+    transaction: &mut WriteTransaction,
+    model_id: i64,
+    line: &[LineStage],
+    first: usize,
+) -> Result<usize, StoreError> {
+    for (at, stage) in line[..=first].iter().enumerate().rev() {
+        match stage.parent {
+            Some(parent) if prune::is_pruned(transaction, model_id, parent).await? => {}
+            _ => return Ok(at),
+        }
+    }
+    Ok(0)
+}
+
+/// A version whose stage cannot be learned again.
+async fn lost(transaction: &mut WriteTransaction, stages: &[LineStage]) -> Result<Option<i64>, StoreError> {
+    for stage in stages {
+        let Some(task_id) = stage.task_id else { return Ok(Some(stage.version)) };
+        if prune::lost_events(transaction, task_id).await? {
+            return Ok(Some(stage.version));
+        }
+    }
+    Ok(None)
 }
 
 /// Takes retracted events of the batch out of a task that waits or runs; where it ran, it is back in line. A task with

@@ -39,6 +39,18 @@ impl Store {
         Ok(row.try_get::<i64, _>("freelist_count")?.unsigned_abs())
     }
 
+    /// Bytes of pages that something uses, those in the write-ahead log included.
+    ///
+    /// # Errors
+    /// When the database cannot be read.
+    pub async fn used_bytes(&self) -> Result<u64, StoreError> {
+        let mut reader = self.readers.acquire().await?;
+        let pages: i64 = query("pragma page_count").fetch_one(&mut *reader).await?.try_get("page_count")?;
+        let page: i64 = query("pragma page_size").fetch_one(&mut *reader).await?.try_get("page_size")?;
+        let unused: i64 = query("pragma freelist_count").fetch_one(&mut *reader).await?.try_get("freelist_count")?;
+        Ok((pages - unused).unsigned_abs() * page.unsigned_abs())
+    }
+
     /// Gives up to `pages` unused pages at the end of the file back to the file system. `false` where the file does not
     /// let go of pages one by one, as those that releases before 0.2 made: [`Self::compact`] changes that.
     ///

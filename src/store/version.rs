@@ -16,7 +16,8 @@ macro_rules! select_version {
             "select v.model_id, v.version, v.task_id, v.parent, v.stage, v.regime, v.method, v.settings, v.seed, v.strength, ",
             "v.lambda, v.strength_search, v.kernel, v.train_events, v.events_sha256, v.scaling, v.importance, v.weights_sha256, ",
             "v.promotion, v.created_at, v.seal, n.note, ",
-            "exists (select 1 from taint x where x.model_id = v.model_id and x.version = v.version) as tainted ",
+            "exists (select 1 from taint x where x.model_id = v.model_id and x.version = v.version) as tainted, ",
+            "exists (select 1 from pruned p where p.model_id = v.model_id and p.version = v.version) as pruned ",
             "from version v ",
             "left join version_note n on n.model_id = v.model_id and n.version = v.version ",
             $rest
@@ -59,6 +60,7 @@ fn parsed(row: &SqliteRow, corrupt: Option<String>) -> Result<Version, StoreErro
         importance: json::<Value>(row, "importance")?,
         weights_sha256: hex::encode(digest(row, "weights_sha256")?),
         promotion: json(row, "promotion")?,
+        pruned: row.try_get("pruned")?,
         tainted: row.try_get("tainted")?,
         note: row.try_get("note")?,
         created_at: time(row, "created_at")?,

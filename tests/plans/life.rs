@@ -13,6 +13,7 @@ pub(crate) async fn lead() -> TempDir {
     upload(&server).await;
     learn(&server).await;
     unlearn(&server).await;
+    forget(&server).await;
     move_about(&server).await;
     stop_and_cancel(&server).await;
     let mut server = server.restart().await;
@@ -33,8 +34,8 @@ async fn upload(server: &Server) {
         json!({"event_id": "bad", "dt_s": 0.1, "spacing_m": [1], "follower_speed_mps": [], "leader_speed_mps": []});
     let mut mixed = events("e", 3, 12.0);
     mixed.push(bad);
-    for _ in 0..2 {
-        server.upload("uploads", "?regime=fast", &mixed).await.expect(201);
+    for key in ["an upload", "the same again"] {
+        server.post_with_key(&format!("{path}?regime=fast"), key, &json!({"events": mixed})).await.expect(201);
     }
     server.get(&format!("{path}/b1/rejections")).await.expect(200);
     for batch in ["b1", "b2"] {
@@ -90,6 +91,20 @@ async fn unlearn(server: &Server) {
     for replay in replays {
         server.end_of("mas", &replay).await;
     }
+}
+
+/// A model that keeps little, and what that refuses.
+async fn forget(server: &Server) {
+    let settings = json!({"retention": {"versions": 1, "events_s": 0}});
+    server.post("/v1/models", &json!({"model": "short", "method": "ewc", "settings": settings})).await.expect(201);
+    for (regime, speed) in [("fast", 12.0), ("middle", 9.0), ("slow", 6.0)] {
+        server.learn("short", &format!("short-{regime}"), &events(&format!("short {regime}"), 12, speed)).await;
+    }
+    while server.get("/v1/models/short/versions/1").await["pruned"] == false {}
+    let batches = server.get("/v1/models/short/batches").await;
+    let path = |at: usize| format!("/v1/models/short/batches/{}", batches["batches"][at]["batch_id"].as_str().unwrap());
+    while server.get(&path(1)).await["pruned_events"] == 0 {}
+    server.send(server.request(Method::DELETE, &path(0))).await.expect(409);
 }
 
 /// What people ask of versions.

@@ -52,6 +52,7 @@ const A_BATCH: &str = "sorts the events of the batches that were named";
 const WAITING: &str = "sorts regimes that wait";
 const A_LINE: &str = "sorts the events of a line, of which the method learns or samples";
 const A_RESERVOIR: &str = "sorts a test reservoir, which is bounded, and a task's test events";
+const TO_ERASE: &str = "reads batches whose content is to go";
 const QUEUED: &str = "reads the queue: of tasks that wait or run";
 const UNSEALED: &str = "reads rows that are not sealed yet: those of one transaction";
 
@@ -71,6 +72,7 @@ const ALLOWED: &[(&str, &str, &str)] = &[
     ("select regime, min(event_id) as first from event", "USE TEMP B-TREE", WAITING),
     ("where t.state in ('queued', 'running') and m.paused = 0", "SCAN t USING INDEX task_active", QUEUED),
     ("where t.state in ('queued', 'running') and m.paused = 0", "USE TEMP B-TREE", QUEUED),
+    ("from batch where erase_asked_at is not null", "SCAN batch USING INDEX batch_to_erase", TO_ERASE),
     ("from task indexed by task_active", "SCAN task USING INDEX task_active", QUEUED),
     ("from task indexed by task_active", "USE TEMP B-TREE", QUEUED),
     ("update task set state = 'queued'", "SCAN task USING INDEX task_active", QUEUED),

@@ -64,6 +64,7 @@ fn filled(template: &str) -> String {
         .replace("{batch_id}", "b1")
         .replace("{task_id}", "t1")
         .replace("{version}", "1")
+        .replace("{source}", "site")
         .replace("{key_id}", "0123456789abcdef")
 }
 

@@ -37,18 +37,20 @@ async fn erased(server: &Server, batch: &str) -> Answer {
 #[tokio::test]
 async fn what_is_erased_is_in_no_file_any_more_and_lineage_and_measures_stay() {
     let server = Server::start().await;
-    let secret = events("secret", 24, 16.0);
+    let secret = events("confidential", 24, 16.0);
     let mut uploaded = secret.clone();
-    uploaded.push(json!({"event_id": "secret-bad", "dt_s": 0.1, "spacing_m": [1], "follower_speed_mps": [],
+    uploaded.push(json!({"event_id": "confidential-bad", "dt_s": 0.1, "spacing_m": [1], "follower_speed_mps": [],
         "leader_speed_mps": []}));
-    let upload = || server.post_with_key(&format!("{BATCHES}?regime=fast"), "k", &json!({"events": uploaded}));
+    let (path, body) = (format!("{BATCHES}?regime=fast"), json!({"events": uploaded}));
+    let upload = || server.post_with_key(&path, "k", &body);
     let first = upload().await.expect(201);
-    assert_eq!(first["rejected"][0]["event_id"], "secret-bad");
+    assert_eq!(first["rejected"][0]["event_id"], "confidential-bad");
     server.post("/v1/models/default/tasks", &json!({"batches": "pending"})).await.expect(202);
     server.end_of("default", "t1").await;
     server.learn("default", "slow", &events("kept", 24, 6.0)).await;
     let directory = server.directory.path().to_owned();
-    let parts: Vec<_> = secret.iter().flat_map(|it| ["spacing_m", "leader_speed_mps"].map(|of| stored(it, of))).collect();
+    let parts: Vec<_> =
+        secret.iter().flat_map(|it| ["spacing_m", "leader_speed_mps"].map(|of| stored(it, of))).collect();
     assert!(parts.iter().all(|part| found(&directory, part) > 0), "the test looks for what is there");
     let version = server.get("/v1/models/default/versions/1").await.body;
     let evaluation = server.get("/v1/models/default/versions/1/evaluation").await.body;
@@ -59,7 +61,7 @@ async fn what_is_erased_is_in_no_file_any_more_and_lineage_and_measures_stay() {
     let read = erased(&server, "b1").await;
     assert_eq!((&read["events"]["retracted"], &read["rejected_count"]), (&json!(24), &json!(1)));
     let left: usize = parts.iter().map(|part| found(&directory, part)).sum();
-    assert_eq!((left, found(&directory, b"secret")), (0, 0));
+    assert_eq!((left, found(&directory, b"confidential")), (0, 0));
     assert!(found(&directory, b"kept-1") > 0);
 
     let tainted = json!({"tainted": true});
@@ -68,16 +70,23 @@ async fn what_is_erased_is_in_no_file_any_more_and_lineage_and_measures_stay() {
     assert_eq!((&after["events_sha256"], &after["tainted"]), (&version["events_sha256"], &tainted["tainted"]));
     assert_eq!(server.get("/v1/models/default/versions/1/evaluation").await.body, evaluation);
     let rejections = server.get(&format!("{BATCHES}/b1/rejections")).await.expect(200);
-    assert_eq!((&rejections["rejections"][0]["event_id"], &rejections["rejections"][0]["detail"]), (&json!(null), &json!("erased")));
+    assert_eq!(
+        (&rejections["rejections"][0]["event_id"], &rejections["rejections"][0]["detail"]),
+        (&json!(null), &json!("erased"))
+    );
     let again = upload().await.expect(201);
-    assert_eq!((&again["batch_id"], &again["rejected"]), (&json!("b1"), &json!([])), "the answer is given again, not the effect");
+    assert_eq!(
+        (&again["batch_id"], &again["rejected"]),
+        (&json!("b1"), &json!([])),
+        "the answer is given again, not the effect"
+    );
     server.stop().await;
 }
 
 #[tokio::test]
 async fn erased_content_may_come_anew_and_is_learned_as_before() {
     let server = Server::start().await;
-    let uploaded = events("secret", 16, 16.0);
+    let uploaded = events("confidential", 16, 16.0);
     server.learn("default", "fast", &uploaded).await;
     let weights = server.get("/v1/models/default/versions/1").await["weights_sha256"].clone();
     let replay = server.send(server.request(Method::DELETE, &format!("{BATCHES}/b1"))).await.expect(202);

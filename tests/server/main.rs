@@ -35,6 +35,8 @@ mod paging;
 mod predict;
 /// Requests that are wrong.
 mod problems;
+/// What is not kept.
+mod retention;
 /// Retracting what was learned.
 mod retract;
 /// Promote, rollback, history.

@@ -41,8 +41,8 @@ async fn a_bad_setting_is_pointed_at() {
     let half = server.post("/v1/models", &create(json!({"schedule": {"min_events": 3}}))).await;
     let half = half.expect_problem(422, "invalid_settings");
     assert!(half["detail"].as_str().unwrap().contains("max_wait_s"), "{}", half.text);
-    let later = server.post("/v1/models", &create(json!({"retention": {"versions": 3}}))).await;
-    assert_eq!(later.expect_problem(501, "not_available")["errors"][0]["pointer"], "/settings/retention");
+    let none = server.post("/v1/models", &create(json!({"retention": {"versions": 0}}))).await;
+    assert_eq!(none.expect_problem(422, "invalid_settings")["errors"][0]["pointer"], "/settings/retention");
     let torn = server.post("/v1/models", &create(json!({"memory": "window"}))).await;
     assert_eq!(torn.expect_problem(422, "invalid_settings")["errors"][0]["pointer"], "/settings/features");
     server.post("/v1/models", &create(json!([]))).await.expect_problem(422, "invalid_settings");

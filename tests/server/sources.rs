@@ -38,7 +38,11 @@ async fn a_source_that_keeps_failing_is_held_until_it_is_released() {
     assert_eq!((&held["checked_events"], &held["failed_events"]), (&json!(8), &json!(6)), "{held}");
     assert_eq!(held["reason"], "6 of its last 8 events failed the checks");
     let later = server.upload("default", "?source=site", &mixed("c", 6, 0)).await.expect(201);
-    assert_eq!((&later["accepted"], &later["held_sources"]), (&json!(6), &json!(["site"])), "it is stored all the same");
+    assert_eq!(
+        (&later["accepted"], &later["held_sources"]),
+        (&json!(6), &json!(["site"])),
+        "it is stored all the same"
+    );
     for (batch, events) in [("b1", 4), ("b2", 1), ("b3", 6)] {
         assert_eq!(counts(&server, batch).await["held"], events);
     }
@@ -52,7 +56,10 @@ async fn a_source_that_keeps_failing_is_held_until_it_is_released() {
     assert_eq!(server.get("/v1/models/default/versions/1").await["events"], 6);
 
     let released = server.post("/v1/models/default/sources/site/release", &json!({})).await.expect(200);
-    assert_eq!((&released["held"], &released["released_events"], &released["held_events"]), (&json!(false), &json!(11), &json!(0)));
+    assert_eq!(
+        (&released["held"], &released["released_events"], &released["held_events"]),
+        (&json!(false), &json!(11), &json!(0))
+    );
     assert_eq!((&released["checked_events"], &released["task_ids"]), (&json!(0), &json!([])));
     let again = server.post("/v1/models/default/sources/site/release", &json!({})).await.expect(200);
     assert_eq!(again["released_events"], 0);

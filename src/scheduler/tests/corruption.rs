@@ -33,6 +33,7 @@ async fn upload(engine: &Engine, model_id: i64, marks: std::ops::Range<u16>) -> 
             regime: RegimeName::parse("again").unwrap(),
             content_sha256: event.content_sha256(),
             event,
+            held: false,
         }
     };
     let arriving: Vec<_> = marks.map(arriving).collect();
