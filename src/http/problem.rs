@@ -77,7 +77,7 @@ pub enum Code {
 
 impl Code {
     /// Every code, for the contract test.
-    pub const ALL: [Self; 48] = [
+    pub const ALL: &[Self] = &[
         Self::MalformedJson,
         Self::TruncatedBody,
         Self::MalformedBody,
