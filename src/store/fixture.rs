@@ -28,7 +28,11 @@ pub(crate) fn event(mark: u16) -> Event {
 
 impl Fixture {
     pub(crate) async fn new() -> Self {
-        let directory = tempfile::tempdir().unwrap();
+        Self::within(tempfile::tempdir().unwrap()).await
+    }
+
+    /// In a directory that may hold a database already.
+    pub(crate) async fn within(directory: tempfile::TempDir) -> Self {
         let store = std::sync::Arc::new(Store::open(&Self::settings(&directory)).await.unwrap());
         Self { store, directory }
     }

@@ -154,25 +154,40 @@ fn memory_from(row: &SqliteRow) -> Result<RegimeMemory, StoreError> {
 mod tests {
     use sqlx::sqlite::{SqliteConnectOptions, SqlitePoolOptions};
 
-    use super::*;
-    use crate::store::StoreSettings;
+    use jiff::Timestamp;
 
-    /// A version as the first release wrote it.
-    const FIRST_RELEASE: [&str; 4] = [
+    use super::*;
+    use crate::lineage::TaskKind;
+    use crate::store::StoreSettings;
+    use crate::store::history::Action;
+    use crate::store::retract::{Retracted, retract};
+
+    /// A version as the first release wrote it, live, and the batch it learned.
+    const FIRST_RELEASE: [&str; 10] = [
         "insert into model (name, method, settings, created_at) values ('m', 'naive', '{}', '2026-01-01T00:00:00Z')",
-        "insert into version (model_id, version, stage, regime, method, settings, seed, kernel, train_events, events_sha256,
+        "insert into batch (model_id, content_type, body_sha256, body_bytes, accepted, duplicates, rejected, summary, created_at)
+         values (1, 'application/json', zeroblob(32), 9, 1, 0, 0, '{}', '2026-01-01T00:00:00Z')",
+        "insert into event (model_id, content_sha256, batch_id, name, split, regime, state, dt_s, steps, mean_speed_mps,
+             arrived_at, arrays)
+         values (1, zeroblob(32), 1, 'e', 'train', 'fast', 'learned', 0.1, 0, 9.0, '2026-01-01T00:00:00.000000Z', x'')",
+        "insert into batch_event (batch_id, ordinal, event_id, duplicate) values (1, 0, 1, 0)",
+        "insert into task (model_id, state, regime, settings, stage, version, created_at)
+         values (1, 'succeeded', 'fast', 'null', 1, 1, '2026-01-01T00:00:00Z')",
+        "insert into task_event (task_id, event_id) values (1, 1)",
+        "insert into version (model_id, version, task_id, stage, regime, method, settings, seed, kernel, train_events, events_sha256,
              scaling, weights_sha256, promotion, created_at)
-         values (1, 1, 1, 'fast', 'naive', '{\"envelope\": false}', 42, 'none', 1, zeroblob(32), '{}', zeroblob(32),
+         values (1, 1, 1, 1, 'fast', 'naive', '{\"envelope\": false}', 42, 'none', 1, zeroblob(32), '{}', zeroblob(32),
              '{\"policy\": \"auto\", \"decision\": \"promoted\", \"reason\": \"\"}', '2026-01-01T00:00:00Z')",
         "insert into reservoir (model_id, event_ids) values (1, x'')",
         "insert into version_regime (model_id, version, position, regime, learned_stage, learned_version, reservoir_id,
              test_events, test_steps, spacing_mse, speed_mse, collisions)
          values (1, 1, 0, 'fast', 1, 1, 1, 4, 400, 2.5, 0.5, 1)",
+        "insert into history (model_id, at, action, live, head, reason, actor)
+         values (1, '2026-01-01T00:00:00.000000Z', 'policy', 1, 1, 'nothing was live', 'policy')",
     ];
 
-    #[tokio::test]
-    async fn a_version_of_the_first_release_keeps_its_figures_and_has_none_of_what_came_later() {
-        let directory = tempfile::tempdir().unwrap();
+    /// A database of the first release, opened by this one.
+    async fn opened(directory: &tempfile::TempDir) -> Store {
         let path = directory.path().join("headway.db");
         let options = SqliteConnectOptions::new().filename(&path).create_if_missing(true);
         let pool = SqlitePoolOptions::new().max_connections(1).connect_with(options).await.unwrap();
@@ -182,6 +197,7 @@ mod tests {
         for statement in FIRST_RELEASE {
             query(statement).execute(&pool).await.unwrap();
         }
+        query("update model set live_version = 1, head_version = 1").execute(&pool).await.unwrap();
         pool.close().await;
         let settings = StoreSettings {
             path,
@@ -191,10 +207,34 @@ mod tests {
             statement_cache: 16,
             audit_entries: 1000,
         };
-        let store = Store::open(&settings).await.unwrap();
+        Store::open(&settings).await.unwrap()
+    }
+
+    #[tokio::test]
+    async fn a_version_of_the_first_release_keeps_its_figures_and_has_none_of_what_came_later() {
+        let directory = tempfile::tempdir().unwrap();
+        let store = opened(&directory).await;
         let evaluation = store.evaluation(1, 1).await.unwrap().remove(0);
         assert_eq!(evaluation.measures.unwrap().spacing_mse, 2.5);
         assert_eq!(evaluation.served, None);
-        assert_eq!(store.version(1, 1).await.unwrap().unwrap().strength_search, None);
+        let version = store.version(1, 1).await.unwrap().unwrap();
+        assert_eq!((version.strength_search, version.tainted, version.pruned), (None, false, false));
+    }
+
+    #[tokio::test]
+    async fn what_the_first_release_learned_can_be_unlearned_and_its_history_is_kept() {
+        let directory = tempfile::tempdir().unwrap();
+        let store = opened(&directory).await;
+        let before = store.history(1, 0, 10).await.unwrap();
+        assert_eq!((before.len(), before[0].action, &before[0].report), (1, Action::Policy, &None));
+        let mut transaction = store.begin().await.unwrap();
+        let retracted = retract(&mut transaction, 1, 1, "tester", Timestamp::now()).await.unwrap();
+        assert_eq!(retracted, Retracted::Replaying { task_id: 2, stopped: Vec::new() });
+        transaction.commit().await.unwrap();
+        let after = store.history(1, 0, 10).await.unwrap();
+        assert_eq!((after.len(), after[1].action, after[1].head), (2, Action::Retract, None));
+        assert!(store.version(1, 1).await.unwrap().unwrap().tainted);
+        let task = store.task(1, 1).await.unwrap().unwrap();
+        assert_eq!((task.kind, task.part_of, task.parts), (TaskKind::Learn, None, Vec::new()));
     }
 }

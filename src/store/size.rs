@@ -75,3 +75,56 @@ impl Store {
         Ok(())
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use sqlx::ConnectOptions as _;
+    use sqlx::sqlite::SqliteConnectOptions;
+
+    use super::super::fixture::Fixture;
+    use super::*;
+    use crate::consolidation::Method;
+    use crate::lineage::ModelSettings;
+
+    /// Whether pages are given back after many events went.
+    async fn gives_back(fixture: &Fixture) -> bool {
+        fixture.execute("update event set arrays = zeroblob(20000)").await;
+        fixture.execute("update event set arrays = x''").await;
+        assert!(fixture.store.unused_pages().await.unwrap() > 100);
+        fixture.store.give_back(50).await.unwrap()
+    }
+
+    async fn with_events(fixture: &Fixture) {
+        let model_id = fixture.model("m", Method::Naive, &ModelSettings::default()).await;
+        fixture.batch(model_id, "fast", 0..60).await;
+    }
+
+    #[tokio::test]
+    async fn a_new_database_gives_back_so_many_pages_at_once() {
+        let fixture = Fixture::new().await;
+        with_events(&fixture).await;
+        assert!(gives_back(&fixture).await);
+        let before = fixture.store.unused_pages().await.unwrap();
+        fixture.store.give_back(7).await.unwrap();
+        assert_eq!(before - fixture.store.unused_pages().await.unwrap(), 7);
+    }
+
+    #[tokio::test]
+    async fn a_database_that_gives_no_page_back_does_once_it_is_compacted() {
+        let directory = tempfile::tempdir().unwrap();
+        let options = SqliteConnectOptions::new().filename(directory.path().join("headway.db")).create_if_missing(true);
+        let mut connection = options.connect().await.unwrap();
+        query("create table older (a)").execute(&mut connection).await.unwrap();
+        query("drop table older").execute(&mut connection).await.unwrap();
+        drop(connection);
+        let fixture = Fixture::within(directory).await;
+        with_events(&fixture).await;
+        assert!(!gives_back(&fixture).await);
+        assert!(fixture.store.fold_log().await.unwrap());
+        let before = fixture.store.size().await.unwrap();
+        fixture.store.compact().await.unwrap();
+        let after = fixture.store.size().await.unwrap();
+        assert!(after.database < before.database && after.unused == 0 && after.log == 0, "{before:?} {after:?}");
+        assert!(gives_back(&fixture).await);
+    }
+}
