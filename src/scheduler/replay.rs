@@ -55,15 +55,27 @@ fn tell(task: &Task, report: &ReplayReport) {
 }
 
 async fn report(scheduler: &Scheduler, model: &Model, found: Replay) -> Result<ReplayReport, JobError> {
-    let known = async |version: Option<i64>| match version {
-        Some(version) => Known::load(&scheduler.0.store, model.model_id, version).await.map(Some),
-        None => Ok(None),
+    let before = usable(scheduler, model, found.from_head).await?;
+    let after = match model.head {
+        Some(head) => Some(Known::load(&scheduler.0.store, model.model_id, head).await?),
+        None => None,
     };
-    let (before, after) = (known(found.from_head).await?, known(model.head).await?);
     let replayed = found.stages.iter().any(|stage| stage.replayed_as.is_some());
     let regimes = regimes(scheduler, model, before.as_ref(), after.as_ref()).await?;
     let live = live(scheduler, model, after.as_ref(), replayed).await?;
     Ok(ReplayReport { before: found.from_head, after: model.head, stages: found.stages, regimes, live })
+}
+
+/// A version to compare with; none where it is corrupt, as then there is nothing to compare.
+async fn usable(scheduler: &Scheduler, model: &Model, version: Option<i64>) -> Result<Option<Known>, JobError> {
+    let Some(version) = version else { return Ok(None) };
+    match Known::load(&scheduler.0.store, model.model_id, version).await {
+        Err(StoreError::Corrupt { detail, .. }) => {
+            tracing::warn!(version, detail, "a replay cannot compare with what was before");
+            Ok(None)
+        }
+        loaded => Ok(Some(loaded?)),
+    }
 }
 
 /// Both on the test events of the one after; on what is left of the other's, where only that one knew the regime.
@@ -103,11 +115,10 @@ async fn live(
     head: Option<&Known>,
     replayed: bool,
 ) -> Result<ReplayedLive, JobError> {
-    let serving = match model.live {
-        Some(live) => Some(Known::load(&scheduler.0.store, model.model_id, live).await?),
-        None => None,
+    let tainted = match model.live {
+        Some(live) => scheduler.0.store.is_tainted(model.model_id, live).await?,
+        None => false,
     };
-    let tainted = serving.as_ref().is_some_and(|live| live.version.tainted);
     let stays = |reason: &str| ReplayedLive {
         from: model.live,
         to: model.live,
@@ -133,8 +144,8 @@ async fn live(
         return Ok(stays("no stage was learned again"));
     }
     let settings = &model.settings;
-    let comparisons = match &serving {
-        Some(live) => Some(comparisons(scheduler, model, head, live).await?),
+    let comparisons = match usable(scheduler, model, model.live).await? {
+        Some(live) => Some(comparisons(scheduler, model, head, &live).await?),
         None => None,
     };
     let promotion = settings.promotion.decide(comparisons.as_deref(), settings.promotion_error_ratio);

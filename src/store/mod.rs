@@ -77,6 +77,8 @@ pub struct Store {
     readers: SqlitePool,
     damage: damage::Damage,
     path: PathBuf,
+    /// As `SQLite` counts it.
+    busy_timeout_ms: u128,
     /// Held as long as the store lives: one process owns a database.
     _lock: File,
 }
@@ -88,6 +90,7 @@ impl Store {
     /// When another process owns it, it cannot be written, or it was made by a newer release.
     pub async fn open(settings: &StoreSettings) -> Result<Self, StoreError> {
         let lock = lock(&settings.path)?;
+        let busy_timeout = std::time::Duration::from_secs_f64(settings.busy_timeout_s);
         let options = SqliteConnectOptions::new()
             .filename(&settings.path)
             // What is erased is written over, wherever a page held it.
@@ -95,7 +98,7 @@ impl Store {
             .journal_mode(SqliteJournalMode::Wal)
             .synchronous(SqliteSynchronous::Full)
             .foreign_keys(true)
-            .busy_timeout(std::time::Duration::from_secs_f64(settings.busy_timeout_s))
+            .busy_timeout(busy_timeout)
             .statement_cache_capacity(settings.statement_cache);
         // What the writer notes changes with is of this release's tables, so these are made first.
         let first = SqlitePoolOptions::new().max_connections(1);
@@ -114,8 +117,14 @@ impl Store {
             .max_connections(settings.readers)
             .connect_with(options.pragma("query_only", "on"))
             .await?;
-        let store =
-            Self { writer, readers, path: settings.path.clone(), damage: damage::Damage::default(), _lock: lock };
+        let store = Self {
+            writer,
+            readers,
+            path: settings.path.clone(),
+            busy_timeout_ms: busy_timeout.as_millis(),
+            damage: damage::Damage::default(),
+            _lock: lock,
+        };
         let mut transaction = store.begin().await?;
         seal::seal(&mut transaction).await?;
         audit::bound(&mut transaction, settings.audit_entries).await?;

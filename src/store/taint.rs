@@ -5,7 +5,7 @@ use sqlx::sqlite::SqliteConnection;
 use sqlx::{Row, query};
 
 use super::column::{stored_ids, stored_time};
-use super::{StoreError, WriteTransaction};
+use super::{Store, StoreError, WriteTransaction};
 
 /// Marks the versions that these tasks made, and every version that continues one of them, but for those that are marked.
 /// `false` when there is no such version.
@@ -52,6 +52,16 @@ pub(super) async fn inherit(
     .execute(&mut **transaction)
     .await?;
     Ok(())
+}
+
+impl Store {
+    /// Whether the version learned what was retracted later, or continues one that did.
+    ///
+    /// # Errors
+    /// When the database cannot be read.
+    pub async fn is_tainted(&self, model_id: i64, version: i64) -> Result<bool, StoreError> {
+        is_tainted(&mut *self.readers.acquire().await?, model_id, version).await
+    }
 }
 
 /// Whether the version is marked.

@@ -14,7 +14,7 @@ pub(crate) struct Remains {
 }
 
 /// What may never be: each query finds nothing.
-const NEVER: [(&str, &str); 16] = [
+const NEVER: [(&str, &str); 17] = [
     ("a broken reference", "select * from pragma_foreign_key_check"),
     ("a damaged page", "select * from pragma_integrity_check where integrity_check <> 'ok'"),
     (
@@ -87,6 +87,11 @@ const NEVER: [(&str, &str); 16] = [
         or not exists (select 1 from version v where v.model_id = m.model_id and v.version = m.live_version)
         or m.head_version is null and not exists (select 1 from replay) or m.head_version is not null
         and not exists (select 1 from version v where v.model_id = m.model_id and v.version = m.head_version))",
+    ),
+    (
+        "content of a batch that is erased",
+        "select * from batch b join batch_event be using (batch_id) join event e using (event_id)
+        where b.erased_at is not null and e.state = 'retracted' and (length(e.arrays) > 0 or e.name <> '')",
     ),
     (
         "a gap in the history",

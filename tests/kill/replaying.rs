@@ -58,7 +58,7 @@ struct Tally {
 /// Kills the process while it retracts, and up to `kills` times while it replays.
 async fn disturbed(plan: &mut Plan, checkpoint_s: &str, kills: u32, expected: &[Value], tally: &mut Tally) -> u32 {
     let (home, mut process) = with_versions(checkpoint_s, &TrafficRegime::ALL).await;
-    let retract = |process: &Process| process.request(Method::DELETE, &format!("{MODEL}/batches/b1")).send();
+    let retract = |process: &Process| process.request(Method::DELETE, &format!("{MODEL}/batches/b1?erase=true")).send();
     // Whether it is answered does not matter: it is asked again.
     let unwritten = Written::now(&home.database());
     let asked = tokio::spawn(retract(&process));
@@ -113,6 +113,11 @@ async fn disturbed(plan: &mut Plan, checkpoint_s: &str, kills: u32, expected: &[
     let model = process.get(MODEL).await;
     assert_eq!((&model["live"], &model["head"]), (&json!(5), &json!(5)));
     assert_eq!(outcome(&process, &[4, 5]).await, expected);
+    while process.get(&format!("{MODEL}/batches/b1")).await["erased_at"].is_null() {}
+    process.kill();
+    let mut remains = Remains::of(&home).await;
+    remains.check().await;
+    remains.close().await;
     killed
 }
 

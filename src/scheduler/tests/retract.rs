@@ -244,3 +244,21 @@ async fn content_that_was_retracted_may_come_and_go_again() {
         .await;
     assert_eq!(engine.retract(model_id, 3).await, None);
 }
+
+#[tokio::test]
+async fn a_head_that_is_corrupt_is_replaced_without_being_compared() {
+    let engine = Engine::new(Script::default()).await;
+    let settings = ModelSettings { promotion: PromotionPolicy::Gated, ..model_settings() };
+    let model_id = engine.fixture.model("m", Method::Ewc, &settings).await;
+    for (first, regime) in [(0, "a"), (10, "b"), (20, "c")] {
+        engine.learn(model_id, regime, first).await;
+    }
+    engine.fixture.execute("update model set live_version = 3").await;
+    engine.fixture.execute("update weights set weights = zeroblob(length(weights)) where version = 3").await;
+    let replay = engine.retract(model_id, 2).await.unwrap();
+    engine.drain().await;
+    let told = report(&engine, model_id, replay).await;
+    assert_eq!((told.before, told.after, told.live.to, told.live.tainted), (Some(3), Some(4), Some(4), false));
+    assert!(told.regimes.iter().all(|regime| regime.before.is_none()), "{told:?}");
+    assert_eq!(engine.served(model_id).await, 4);
+}
