@@ -50,7 +50,7 @@ pub struct EventCounts {
     pub learned: u64,
     /// Train only when named again.
     pub set_aside: u64,
-    /// Made training fail.
+    /// Made training fail, or came from a source that is held.
     pub held: u64,
     /// Withdrawn.
     pub retracted: u64,
