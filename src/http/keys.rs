@@ -16,7 +16,7 @@ use super::idempotency::Repeatable;
 use super::path::KeyAt;
 use super::problem::{Code, InputError, Problem};
 use super::query::{Page, Query};
-use crate::access::{Issued, Key, KeyDefect, KeyId, KeyWish, Scopes};
+use crate::access::{Issued, Key, KeyDefect, KeyId, KeyWish, Scope, Scopes};
 use crate::lineage::ModelName;
 use crate::store::keys::{self, NoKey, Revoked};
 use crate::store::{Actor, WriteTransaction};
@@ -72,10 +72,15 @@ pub(super) async fn create(
     wish.check(now).map_err(|defect| refusal(&defect))?;
     let issued = Issued::draw().map_err(Problem::internal)?;
     let mut tx = app.store.begin_for(&by).await?;
+    // From the first key on the server asks for one: nobody is to be locked out by it.
+    if !wish.scopes.allow(Scope::Admin) && !keys::admin_is_active(&mut tx, now).await? {
+        return Err(
+            Code::AdminKeyFirst.because("without one nobody could manage keys over the interface; make that first")
+        );
+    }
     let made = keys::create(&mut tx, &issued, &wish, app.gate.settings().max_keys, now).await?;
     let key = made.map_err(|none| match none {
         NoKey::TooMany(_) => Code::TooManyKeys.because(none.to_string()),
-        NoKey::AdminFirst => Code::AdminKeyFirst.because(none.to_string()),
         NoKey::Known(_) => Problem::internal(none),
     })?;
     let answer = |secret: Option<&str>| {

@@ -14,9 +14,6 @@ pub enum NoKey {
     /// As many as the server keeps are there.
     #[error("{0} keys are there, those that have ended included; access.max_keys allows no more")]
     TooMany(u32),
-    /// Once there is a key, the server asks for one: the first must be able to make others.
-    #[error("no admin key is active, and without one nobody could manage keys; make that first")]
-    AdminFirst,
     /// A key with this public part is there.
     #[error("a key {0} is there already")]
     Known(KeyId),
@@ -107,9 +104,6 @@ pub async fn create(
     if row.try_get::<i64, _>("keys")? >= i64::from(max_keys) {
         return Ok(Err(NoKey::TooMany(max_keys)));
     }
-    if !wish.scopes.allow(Scope::Admin) && active_admins(transaction, now).await?.is_empty() {
-        return Ok(Err(NoKey::AdminFirst));
-    }
     let inserted = query(
         "insert into access_key (key_id, secret_sha256, name, scopes, models, created_at, expires_at)
          values (?, ?, ?, ?, ?, ?, ?) on conflict (key_id) do nothing
@@ -157,6 +151,14 @@ pub async fn revoke(
         .execute(&mut **transaction)
         .await?;
     Ok(Revoked::Done(Key { revoked_at: Some(now), ..key }))
+}
+
+/// Whether a key may manage keys. Without one they are managed by whoever has the database's file.
+///
+/// # Errors
+/// When the database cannot be read.
+pub async fn admin_is_active(connection: &mut SqliteConnection, now: Timestamp) -> Result<bool, StoreError> {
+    Ok(!active_admins(connection, now).await?.is_empty())
 }
 
 /// Keys that may manage keys.

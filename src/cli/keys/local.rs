@@ -1,5 +1,6 @@
 //! Keys of a database that no server has open.
 
+use std::io::Write;
 use std::path::Path;
 
 use anyhow::{Context, bail};
@@ -46,7 +47,12 @@ impl Database {
         let (issued, now) = (Issued::draw()?, Timestamp::now());
         let mut transaction = self.store.begin_for(&Actor::local()).await?;
         let key = keys::create(&mut transaction, &issued, wish, self.max_keys, now).await??;
+        let managed = keys::admin_is_active(&mut transaction, now).await?;
         transaction.commit().await?;
+        if !managed {
+            let why = "no admin key is active: until there is one, keys are managed here alone, while no server runs";
+            writeln!(std::io::stderr(), "{why}")?;
+        }
         let mut made = key_body(&key, now);
         made["key"] = json!(issued.reveal());
         Ok(made)
