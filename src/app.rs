@@ -102,6 +102,8 @@ async fn assemble(
         evaluation_slots: slots(config.server.concurrent_evaluations),
         evaluator: evaluator(config.evaluate, niceness)?,
         stream_slots: slots(config.server.concurrent_streams),
+        backup: config.backup,
+        backup_slot: slots(1),
         ingest: config.ingest,
         settings: config.server,
         model_defaults: config.model,

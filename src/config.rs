@@ -13,6 +13,7 @@ use crate::lineage::{ModelSettings, SettingsError};
 use crate::predictor::{PredictorSettings, TrialSettings};
 use crate::scheduler::SchedulerSettings;
 use crate::store::StoreSettings;
+use crate::store::backup::BackupSettings;
 use crate::telemetry::LogSettings;
 use crate::upkeep::UpkeepSettings;
 
@@ -30,6 +31,8 @@ pub struct Config {
     pub access: AccessSettings,
     /// The database.
     pub database: StoreSettings,
+    /// Where copies of it go.
+    pub backup: BackupSettings,
     /// What an upload may be.
     pub ingest: IngestSettings,
     /// What trains at once.
@@ -197,6 +200,7 @@ impl Config {
             server: section(table, "server").map_err(wrong)?,
             access: section(table, "access").map_err(wrong)?,
             database: section(table, "database").map_err(wrong)?,
+            backup: section(table, "backup").map_err(wrong)?,
             ingest: section(table, "ingest").map_err(wrong)?,
             training: section(table, "training").map_err(wrong)?,
             predict: section(table, "predict").map_err(wrong)?,
@@ -209,6 +213,7 @@ impl Config {
         within("server", &config.server.numbers()).map_err(wrong)?;
         within("access", &config.access.numbers()).map_err(wrong)?;
         within("database", &config.database.numbers()).map_err(wrong)?;
+        within("backup", &config.backup.numbers()).map_err(wrong)?;
         within("training", &config.training.numbers()).map_err(wrong)?;
         within("predict", &config.predict.numbers()).map_err(wrong)?;
         within("evaluate", &config.evaluate.numbers()).map_err(wrong)?;

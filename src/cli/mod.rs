@@ -1,5 +1,7 @@
 //! The command line. One module per subcommand; without one, `headway` serves.
 
+/// A copy of a database.
+mod backup;
 /// How fast it is.
 mod bench;
 /// A database without what it does not use.
@@ -8,12 +10,20 @@ mod compact;
 mod demo;
 /// Who may use a server.
 mod keys;
+/// How far a look at a database is, on stderr.
+mod looking;
 /// Event files.
 mod recordings;
+/// A running server.
+mod remote;
 /// The paper's experiment, from event files to its tables and figures.
 mod reproduce;
+/// A copy in the place of a database.
+mod restore;
 /// The server.
 mod serve;
+/// Whether a database is what was written.
+mod verify;
 
 use clap::{Parser, Subcommand};
 
@@ -39,6 +49,12 @@ enum Command {
     Compact(compact::CompactArguments),
     /// Make, list and revoke the keys that a server asks for.
     Keys(keys::KeysArguments),
+    /// Check a database: its pages, every digest, what always holds; learn versions again and compare.
+    Verify(verify::VerifyArguments),
+    /// Copy a database while a server may be writing to it.
+    Backup(backup::BackupArguments),
+    /// Put a copy in the place of a database.
+    Restore(restore::RestoreArguments),
     /// Measure how fast this machine learns and answers.
     Bench(bench::BenchArguments),
 }
@@ -55,6 +71,9 @@ pub fn run() -> anyhow::Result<()> {
         Command::Reproduce(arguments) => reproduce::run(&arguments),
         Command::Compact(arguments) => compact::run(&arguments),
         Command::Keys(arguments) => keys::run(arguments),
+        Command::Verify(arguments) => verify::run(&arguments),
+        Command::Backup(arguments) => backup::run(&arguments),
+        Command::Restore(arguments) => restore::run(&arguments),
         Command::Bench(arguments) => bench::run(&arguments),
     }
 }

@@ -6,6 +6,8 @@ mod absent;
 mod answer;
 /// `/v1/audit`.
 mod audit;
+/// Copies of the database.
+mod backup;
 /// Uploads and what became of them.
 mod batches;
 /// JSON bodies.
@@ -93,6 +95,7 @@ use crate::lineage::ModelSettings;
 use crate::predictor::Predictor;
 use crate::scheduler::Scheduler;
 use crate::store::Store;
+use crate::store::backup::BackupSettings;
 use crate::telemetry::Metrics;
 use problem::Problem;
 use route::{Route, at};
@@ -110,6 +113,10 @@ pub struct AppState {
     pub predictor: Arc<Predictor>,
     /// What an upload may be.
     pub ingest: IngestSettings,
+    /// Where copies of the database go.
+    pub backup: BackupSettings,
+    /// Copies at once.
+    pub backup_slot: Arc<Semaphore>,
     /// Limits and patience.
     pub settings: ServerSettings,
     /// Settings of models that are created without their own.
@@ -143,6 +150,7 @@ fn routes() -> Vec<Route> {
         at("/healthz").get(Nothing, health::live),
         at("/readyz").get(Nothing, health::ready),
         at("/metrics").get(EveryModel, health::metrics),
+        at("/v1/backup").get(May(Admin), backup::list).post(May(Admin), backup::create),
         at("/v1/keys").get(May(Admin), keys::list).post(May(Admin), keys::create),
         at("/v1/keys/{key_id}").get(May(Admin), keys::read).delete(May(Admin), keys::revoke),
         at("/v1/audit").get(May(Admin), audit::list),

@@ -56,6 +56,7 @@ pub enum Code {
     AdminKeyFirst,
     LastAdminKey,
     TooManyKeys,
+    NoBackupFolder,
     IdempotencyInFlight,
     PreconditionFailed,
     BodyTooLarge,
@@ -110,6 +111,7 @@ impl Code {
         Self::AdminKeyFirst,
         Self::LastAdminKey,
         Self::TooManyKeys,
+        Self::NoBackupFolder,
         Self::IdempotencyInFlight,
         Self::PreconditionFailed,
         Self::BodyTooLarge,
@@ -166,6 +168,7 @@ impl Code {
             Self::AdminKeyFirst => ("admin_key_first", S::CONFLICT, "There is no active admin key"),
             Self::LastAdminKey => ("last_admin_key", S::CONFLICT, "It is the last active admin key"),
             Self::TooManyKeys => ("too_many_keys", S::CONFLICT, "The server keeps no more keys"),
+            Self::NoBackupFolder => ("no_backup_folder", S::CONFLICT, "The server keeps no backups"),
             Self::IdempotencyInFlight => {
                 ("idempotency_in_flight", S::CONFLICT, "A request with this Idempotency-Key is being answered")
             }

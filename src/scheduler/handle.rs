@@ -108,6 +108,12 @@ impl Scheduler {
         computed.await
     }
 
+    /// How far what is not urgent steps back.
+    #[must_use]
+    pub fn niceness(&self) -> u8 {
+        self.0.settings.niceness
+    }
+
     /// Something changed that may let a task start, or ended one: to be called after every such commit.
     pub fn wake(&self) {
         self.0.changes.send_modify(|changes| *changes += 1);

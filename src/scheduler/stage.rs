@@ -73,6 +73,16 @@ impl Stage {
     pub(super) async fn load(store: &Store, task: Task) -> Result<Self, JobError> {
         let model = store.intact_model(task.model_id).await?;
         let settings = model.settings.for_task(&task.settings).map_err(|e| StoreError::malformed("settings", e))?;
+        Self::load_with(store, task, model, settings).await
+    }
+
+    /// The same with settings that are given.
+    pub(super) async fn load_with(
+        store: &Store,
+        task: Task,
+        model: Model,
+        settings: ModelSettings,
+    ) -> Result<Self, JobError> {
         let number = task.stage.ok_or_else(|| StoreError::malformed("task", "a running task has no stage"))?;
         let parent = match task.parent {
             Some(version) => Some(Known::load(store, model.model_id, version).await?),

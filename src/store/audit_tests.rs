@@ -12,6 +12,7 @@ async fn open(directory: &tempfile::TempDir, audit_entries: u32) -> Store {
         busy_timeout_s: 5.0,
         writer_wait_s: 5.0,
         statement_cache: 16,
+        backup_before_migration: true,
         audit_entries,
     };
     Store::open(&settings).await.unwrap()

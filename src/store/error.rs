@@ -2,6 +2,8 @@
 
 use std::path::PathBuf;
 
+use super::verify::Verification;
+
 /// What is stored with a digest.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Part {
@@ -43,6 +45,46 @@ pub enum StoreError {
         /// The database.
         path: PathBuf,
     },
+    /// There is no such file.
+    #[error("there is no {}", path.display())]
+    Absent {
+        /// The file.
+        path: PathBuf,
+    },
+    /// The file is a database of something else.
+    #[error("{} is no database of Headway", path.display())]
+    Foreign {
+        /// The file.
+        path: PathBuf,
+    },
+    /// The database was made by a newer release.
+    #[error(
+        "the database has schema {schema}, and this release knows none beyond {newest}: use the release that made it, or \
+         restore the backup that was taken before its schema changed (PATH.schema-N.….backup beside it)"
+    )]
+    Newer {
+        /// The database's.
+        schema: i64,
+        /// The newest this release knows.
+        newest: i64,
+    },
+    /// A copy would take the place of a file.
+    #[error("{} exists; --force takes its place", path.display())]
+    Exists {
+        /// The file.
+        path: PathBuf,
+    },
+    /// A copy could not be written.
+    #[error("cannot write {}: {source}", path.display())]
+    File {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: std::io::Error,
+    },
+    /// What was to be kept or put back is not what was written.
+    #[error("it is not sound, {} faults: {}", .0.faults_in_all(), first(.0))]
+    Unsound(Box<Verification>),
     /// The lock file could not be used.
     #[error("cannot lock {}: {source}", path.display())]
     Lock {
@@ -51,7 +93,7 @@ pub enum StoreError {
         /// Why.
         source: std::io::Error,
     },
-    /// A migration failed, or the database is newer than this program.
+    /// A migration failed.
     #[error("cannot bring the database to this release's schema: {0}")]
     Migrate(#[from] sqlx::migrate::MigrateError),
     /// The writer was taken for too long, by this process or another.
@@ -82,6 +124,11 @@ pub enum StoreError {
         /// What is wrong with it.
         detail: String,
     },
+}
+
+fn first(found: &Verification) -> String {
+    let told = found.faults.first();
+    told.map(|fault| format!("{}: {}: {}", fault.check, fault.place, fault.detail)).unwrap_or_default()
 }
 
 impl StoreError {

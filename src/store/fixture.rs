@@ -45,6 +45,7 @@ impl Fixture {
             writer_wait_s: 5.0,
             statement_cache: 64,
             audit_entries: 1000,
+            backup_before_migration: true,
         }
     }
 

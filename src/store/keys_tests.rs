@@ -13,6 +13,7 @@ async fn open(directory: &TempDir) -> Store {
         busy_timeout_s: 5.0,
         writer_wait_s: 5.0,
         statement_cache: 16,
+        backup_before_migration: true,
         audit_entries: 1000,
     };
     Store::open(&settings).await.unwrap()

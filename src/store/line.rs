@@ -10,7 +10,7 @@ use crate::consolidation::RegimeMemory;
 use crate::lineage::{RegimeEvaluation, ServedMeasures, TestMeasures};
 
 /// A statement that sees `line (version, parent, task_id, regime)`: the version of model ?1 that `$first` names, and its
-/// parents. Further tables may follow it after a comma. What is joined to it is to be cross joined: of the length of a line
+/// parents; a corrupt row that names itself or a younger version ends it. Further tables may follow it after a comma. What is joined to it is to be cross joined: of the length of a line
 /// the planner knows nothing, and would rather read the ledgers of all tasks than look up those of the line's.
 macro_rules! with_line {
     ($first:literal, $statement:literal) => {
@@ -21,7 +21,7 @@ macro_rules! with_line {
             "
                  union all
                  select v.version, v.parent, v.task_id, v.regime from line
-                 join version v on v.model_id = ?1 and v.version = line.parent
+                 join version v on v.model_id = ?1 and v.version = line.parent and v.version < line.version
              ) ",
             $statement
         )
@@ -206,6 +206,7 @@ mod tests {
             writer_wait_s: 5.0,
             statement_cache: 16,
             audit_entries: 1000,
+            backup_before_migration: false,
         };
         Store::open(&settings).await.unwrap()
     }

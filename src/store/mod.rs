@@ -5,6 +5,8 @@
 
 /// Who did what.
 pub mod audit;
+/// Copies of a database, and putting them back.
+pub mod backup;
 /// Batches: beginning, ending and reading them.
 pub mod batch;
 mod census;
@@ -40,6 +42,7 @@ pub mod rejection;
 pub mod replay;
 /// Retracting a batch.
 pub mod retract;
+mod schema;
 mod seal;
 /// From waiting events to tasks.
 pub mod selection;
@@ -50,6 +53,8 @@ pub mod source;
 mod taint;
 /// Tasks: reading, starting, cancelling.
 pub mod task;
+/// Whether a database is what was written.
+pub mod verify;
 /// Versions and their notes.
 pub mod version;
 
@@ -57,7 +62,7 @@ use std::fs::File;
 use std::path::{Path, PathBuf};
 
 use sqlx::sqlite::{SqliteAutoVacuum, SqliteConnectOptions, SqliteJournalMode, SqlitePoolOptions, SqliteSynchronous};
-use sqlx::{Sqlite, SqlitePool, Transaction};
+use sqlx::{Connection as _, Sqlite, SqlitePool, Transaction};
 
 pub use audit::Actor;
 pub use census::ModelCensus;
@@ -79,8 +84,8 @@ pub struct Store {
     path: PathBuf,
     /// As `SQLite` counts it.
     busy_timeout_ms: u128,
-    /// Held as long as the store lives: one process owns a database.
-    _lock: File,
+    /// Held as long as the store lives: one process owns a database. None where it is only read.
+    _lock: Option<File>,
 }
 
 impl Store {
@@ -105,7 +110,7 @@ impl Store {
         // Takes effect when the database is made: pages that nothing uses can be given back one by one.
         let making = options.clone().create_if_missing(true).auto_vacuum(SqliteAutoVacuum::Incremental);
         let first = first.connect_with(making).await?;
-        sqlx::migrate!("./migrations").run(&first).await?;
+        schema::migrate(&first, &settings.path, settings.backup_before_migration).await?;
         first.close().await;
         let writer = SqlitePoolOptions::new()
             .max_connections(1)
@@ -123,13 +128,34 @@ impl Store {
             path: settings.path.clone(),
             busy_timeout_ms: busy_timeout.as_millis(),
             damage: damage::Damage::default(),
-            _lock: lock,
+            _lock: Some(lock),
         };
         let mut transaction = store.begin().await?;
         seal::seal(&mut transaction).await?;
         audit::bound(&mut transaction, settings.audit_entries).await?;
         transaction.commit().await?;
         Ok(store)
+    }
+
+    /// Opens a database that is there to read only, whoever owns it.
+    ///
+    /// # Errors
+    /// When there is none, it is none of Headway's or newer than this release, or it cannot be read.
+    pub async fn open_to_read(path: &Path) -> Result<Self, StoreError> {
+        let mut connection = verify::open(path).await?;
+        schema::read(&mut connection, path).await?;
+        connection.close().await?;
+        let options = SqliteConnectOptions::new().filename(path).read_only(true);
+        let readers = SqlitePoolOptions::new().max_connections(2).connect_with(options).await?;
+        let damage = damage::Damage::default();
+        let (writer, path) = (readers.clone(), path.to_owned());
+        Ok(Self { writer, readers, damage, path, busy_timeout_ms: 0, _lock: None })
+    }
+
+    /// The database's file.
+    #[must_use]
+    pub fn path(&self) -> &Path {
+        &self.path
     }
 
     /// Waits for the writer and begins a write transaction of the server's own.
@@ -194,6 +220,7 @@ mod tests {
             writer_wait_s: 0.5,
             statement_cache: 16,
             audit_entries: 1000,
+            backup_before_migration: true,
         };
         let store = Store::open(&settings).await.unwrap();
         let writing = store.begin().await.unwrap();

@@ -179,6 +179,7 @@ mod tests {
             writer_wait_s: 5.0,
             statement_cache: 16,
             audit_entries: 1000,
+            backup_before_migration: true,
         };
         Store::open(&settings).await.unwrap()
     }

@@ -53,7 +53,7 @@ pub(super) async fn learned_again(transaction: &mut WriteTransaction, task_id: i
              join version v on v.model_id = m.model_id and v.version = m.head_version where t.task_id = ?1
              union all
              select v.model_id, v.version, v.parent, v.task_id from line
-             join version v on v.model_id = line.model_id and v.version = line.parent
+             join version v on v.model_id = line.model_id and v.version = line.parent and v.version < line.version
          )
          update event set state = 'learned'
          where state in ('held', 'set_aside')

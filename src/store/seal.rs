@@ -8,6 +8,9 @@ use sqlx::{Decode, Row, Type, TypeInfo, ValueRef, query};
 use super::column::digest;
 use super::{StoreError, WriteTransaction};
 
+/// The schema since which rows are sealed.
+pub(super) const SEALED_SINCE: i64 = 7;
+
 /// Rows of one table that are sealed.
 #[derive(Debug)]
 pub(super) struct Sealed {

@@ -21,6 +21,8 @@ pub struct StoreSettings {
     pub statement_cache: usize,
     /// Entries of the audit log that are kept.
     pub audit_entries: u32,
+    /// Whether a database of an earlier schema is copied, beside itself, before it is changed.
+    pub backup_before_migration: bool,
 }
 
 impl StoreSettings {

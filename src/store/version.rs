@@ -5,7 +5,7 @@ use serde_json::Value;
 use sqlx::sqlite::{SqliteConnection, SqliteRow};
 use sqlx::{Row, query};
 
-use super::column::{count, digest, floats, json, sha256, stored_time, time, word};
+use super::column::{count, digest, floats, json, sha256, stored_floats, stored_time, time, word};
 use super::{Part, Store, StoreError, WriteTransaction, seal};
 use crate::lineage::Version;
 
@@ -66,6 +66,12 @@ fn parsed(row: &SqliteRow, corrupt: Option<String>) -> Result<Version, StoreErro
         created_at: time(row, "created_at")?,
         corrupt,
     })
+}
+
+/// Digest of weights as a version keeps it, hex.
+#[must_use]
+pub fn weights_sha256(weights: &[f32]) -> String {
+    hex::encode(sha256(&[&stored_floats(weights)]))
 }
 
 impl Store {

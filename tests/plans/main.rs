@@ -97,6 +97,10 @@ fn written() -> Vec<(String, String)> {
     let mut found = Vec::new();
     for entry in std::fs::read_dir(folder).unwrap() {
         let path = entry.unwrap().path();
+        // `verify` reads whole tables: that is what it is for, and no server does it to a database that it serves.
+        if path.is_dir() || path.ends_with("schema.rs") || path.ends_with("backup.rs") {
+            continue;
+        }
         let name = path.file_name().unwrap().to_str().unwrap().to_owned();
         if name == "fixture.rs" || name == "error.rs" || name.ends_with("_tests.rs") {
             continue;

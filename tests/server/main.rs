@@ -9,6 +9,8 @@ mod support;
 mod access;
 /// Who changed what.
 mod audit;
+/// Copies of the database.
+mod backup;
 /// Listing and reading batches; retracting what was never learned.
 mod batches;
 /// What browsers are told.
@@ -25,8 +27,12 @@ mod evaluate;
 mod idempotency;
 /// Keys: making, listing, revoking.
 mod keys;
+/// Databases of servers that have done everything once.
+mod lived;
 /// Many requests at once.
 mod load;
+/// Databases of earlier releases.
+mod migrations;
 /// Models: create, read, pause.
 mod models;
 /// Lists.
@@ -55,5 +61,7 @@ mod tasks;
 mod tls;
 /// Each format, good and bad.
 mod uploads;
+/// Whether a database is what was written.
+mod verify;
 /// What tasks made.
 mod versions;

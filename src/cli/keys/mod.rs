@@ -13,10 +13,10 @@ use clap::{Args, Subcommand};
 use jiff::{SpanRelativeTo, Timestamp};
 use serde_json::Value;
 
+use super::remote::Remote;
 use crate::access::{KeyWish, Scope};
 use crate::lineage::ModelName;
 use local::Database;
-use remote::Remote;
 
 /// What `headway keys` can be told.
 #[derive(Debug, Args)]
