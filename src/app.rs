@@ -161,7 +161,8 @@ impl Parts {
     ) -> Self {
         let (scheduler, metrics) = (state.scheduler.clone(), state.metrics.clone());
         background.spawn(tidied(metrics));
-        let server = connections::serve(listener, tls, Interface::new(Arc::clone(&state)), stopping);
+        let (interface, settings) = (Interface::new(Arc::clone(&state)), state.settings.clone());
+        let server = async move { connections::serve(listener, tls, interface, &settings, stopping).await };
         Self {
             server: tokio::spawn(server),
             training: background.spawn(async move { scheduler.run().await }),

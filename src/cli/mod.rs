@@ -65,6 +65,7 @@ enum Command {
 /// When the command could not do its work; the message is for a person.
 pub fn run() -> anyhow::Result<()> {
     let arguments = Arguments::parse();
+    let _faults = fail::has_failpoints().then(fail::FailScenario::setup);
     match arguments.command.unwrap_or(Command::Serve(arguments.serve)) {
         Command::Serve(arguments) => serve::run(&arguments),
         Command::Demo(arguments) => demo::run(&arguments),

@@ -6,7 +6,9 @@ use std::path::PathBuf;
 
 use anyhow::Context;
 use clap::Args;
+use rustix::process::{Resource, Rlimit, Signal, getrlimit, setrlimit};
 use tokio::net::TcpListener;
+use tokio::signal::unix::{self, SignalKind};
 
 use crate::app;
 use crate::config::{Config, Layer};
@@ -70,11 +72,14 @@ pub(super) fn run(arguments: &ServeArguments) -> anyhow::Result<()> {
         runtime.worker_threads(config.server.threads);
     }
     let runtime = runtime.enable_all().build()?;
+    allow_open_files();
     let served = runtime.block_on(async {
         let listen = config.server.listen;
         let listener = TcpListener::bind(listen).await.with_context(|| format!("cannot listen on {listen}"))?;
         let signal = signals()?;
         let scheme = config.server.tls.scheme();
+        // With a handler, a file that may not grow any more is an error of the write, not the end of the process.
+        let _too_large = signal_of(Signal::XFSZ)?;
         let announce = |address: SocketAddr| -> std::io::Result<()> {
             writeln!(stdout, "listening on {scheme}://{address}")?;
             stdout.flush()
@@ -86,10 +91,21 @@ pub(super) fn run(arguments: &ServeArguments) -> anyhow::Result<()> {
     served
 }
 
+/// Raises the limit on open files as far as the system lets it: every connection is one.
+fn allow_open_files() {
+    let limit = getrlimit(Resource::Nofile);
+    if setrlimit(Resource::Nofile, Rlimit { current: limit.maximum, ..limit }).is_err() {
+        tracing::warn!(files = limit.current, "the limit on open files cannot be raised");
+    }
+}
+
+fn signal_of(signal: Signal) -> std::io::Result<unix::Signal> {
+    unix::signal(SignalKind::from_raw(signal.as_raw()))
+}
+
 /// Resolves at the first SIGTERM or SIGINT.
 pub(super) fn signals() -> std::io::Result<impl Future<Output = ()>> {
-    use tokio::signal::unix::{SignalKind, signal};
-    let (mut terminate, mut interrupt) = (signal(SignalKind::terminate())?, signal(SignalKind::interrupt())?);
+    let (mut terminate, mut interrupt) = (signal_of(Signal::TERM)?, signal_of(Signal::INT)?);
     Ok(async move {
         tokio::select! {
             _ = terminate.recv() => {}

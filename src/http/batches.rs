@@ -95,7 +95,7 @@ pub(super) async fn upload(
     let answer = answer(&model, &context, &receipt, &tasks);
     request.keep(&mut transaction, request_sha256, &answer).await?;
     request.note_batch(&mut transaction, receipt.batch_id).await?;
-    transaction.commit().await.map_err(Problem::internal)?;
+    transaction.commit().await?;
     app.scheduler.wake();
     note(&app, &model, &receipt, bytes);
     Ok(answer)
@@ -207,7 +207,7 @@ pub(super) async fn retract(
     if query.erase == Some(true) {
         erase::ask(&mut tx, batch, Timestamp::now()).await?;
     }
-    tx.commit().await.map_err(Problem::internal)?;
+    tx.commit().await?;
     for task in stopped {
         app.scheduler.cancel(task);
     }

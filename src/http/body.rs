@@ -3,7 +3,7 @@
 use std::fmt::Display;
 use std::pin::Pin;
 use std::sync::Arc;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use axum::body::{Body, HttpBody};
 use axum::extract::{FromRequest, Request};
@@ -15,9 +15,9 @@ use http_body_util::BodyExt;
 use serde::de::DeserializeOwned;
 use sha2::{Digest, Sha256};
 
-use super::AppState;
 use super::object::Object;
 use super::problem::{Code, InputError, Problem};
+use super::{AppState, ServerSettings};
 
 /// A JSON body, read and understood.
 #[derive(Debug)]
@@ -78,51 +78,89 @@ where
     if !is_json(headers) {
         return Err(Code::UnsupportedMediaType.because("this call takes application/json"));
     }
-    let (limit, idle_s) = (app.settings.json_body_bytes, app.settings.body_idle_s);
+    let (limit, mut pace) = (app.settings.json_body_bytes, Pace::of(&app.settings));
     refuse_declared_excess(headers, limit)?;
     let within = |bytes: usize| if bytes as u64 > limit { Err(too_large(limit)) } else { Ok(()) };
     let mut body = std::pin::pin!(body);
-    let first = next_chunk(body.as_mut(), idle_s).await?.unwrap_or_default();
+    let first = next_chunk(body.as_mut(), &mut pace).await?.unwrap_or_default();
     within(first.len())?;
-    let Some(mut chunk) = next_chunk(body.as_mut(), idle_s).await? else { return Ok(first) };
+    let Some(mut chunk) = next_chunk(body.as_mut(), &mut pace).await? else { return Ok(first) };
     let mut bytes = Vec::from(first);
     loop {
         within(bytes.len() + chunk.len())?;
         bytes.extend_from_slice(&chunk);
-        match next_chunk(body.as_mut(), idle_s).await? {
+        match next_chunk(body.as_mut(), &mut pace).await? {
             Some(next) => chunk = next,
             None => return Ok(bytes.into()),
         }
     }
 }
 
-/// The next chunk of a body, refusing one that stalls or breaks off.
-async fn next_chunk<B>(mut body: Pin<&mut B>, idle_s: f64) -> Result<Option<Bytes>, Problem>
+/// How slowly a body may come.
+#[derive(Debug)]
+pub(super) struct Pace {
+    idle_s: f64,
+    bytes_per_s: f64,
+    began: Option<Instant>,
+    bytes: u64,
+}
+
+impl Pace {
+    /// Of a body of which nothing has come yet.
+    pub(super) fn of(settings: &ServerSettings) -> Self {
+        Self { idle_s: settings.body_idle_s, bytes_per_s: settings.body_bytes_per_s, began: None, bytes: 0 }
+    }
+
+    /// How long the next chunk may take.
+    fn left(&mut self) -> Duration {
+        let left_s = match self.began {
+            None => {
+                self.began = Some(Instant::now());
+                self.idle_s
+            }
+            Some(began) => {
+                let behind_s = began.elapsed().as_secs_f64() - self.bytes as f64 / self.bytes_per_s;
+                (self.idle_s - behind_s).clamp(0.0, self.idle_s)
+            }
+        };
+        Duration::from_secs_f64(left_s)
+    }
+
+    fn too_slow(&self) -> Problem {
+        Code::BodyTimeout.because(format!(
+            "nothing came for {} s, or less than {} bytes/s for longer",
+            self.idle_s, self.bytes_per_s
+        ))
+    }
+}
+
+/// The next chunk of a body, refusing one that stalls, dawdles or breaks off.
+async fn next_chunk<B>(mut body: Pin<&mut B>, pace: &mut Pace) -> Result<Option<Bytes>, Problem>
 where
     B: HttpBody<Data = Bytes>,
     B::Error: Display,
 {
-    let idle = Duration::from_secs_f64(idle_s);
     // A body whose length was told has ended with its last byte: nothing more is waited for.
     while !body.is_end_stream() {
-        match tokio::time::timeout(idle, body.frame()).await {
+        match tokio::time::timeout(pace.left(), body.frame()).await {
             Ok(None) => break,
             Ok(Some(Ok(frame))) => {
                 if let Ok(chunk) = frame.into_data() {
+                    pace.bytes += chunk.len() as u64;
                     return Ok(Some(chunk));
                 }
             }
             Ok(Some(Err(e))) => return Err(Code::TruncatedBody.because(e.to_string())),
-            Err(_) => return Err(Code::BodyTimeout.because(format!("nothing came for {idle_s} s"))),
+            Err(_) => return Err(pace.too_slow()),
         }
     }
     Ok(None)
 }
 
-/// The chunks of a body, refusing one that stalls or breaks off.
-pub(super) fn timed(body: Body, idle_s: f64) -> impl Stream<Item = Result<Bytes, Problem>> + Send {
-    futures_util::stream::try_unfold(body, move |mut body| async move {
-        Ok(next_chunk(Pin::new(&mut body), idle_s).await?.map(|chunk| (chunk, body)))
+/// The chunks of a body, refusing one that stalls, dawdles or breaks off.
+pub(super) fn timed(body: Body, pace: Pace) -> impl Stream<Item = Result<Bytes, Problem>> + Send {
+    futures_util::stream::try_unfold((body, pace), |(mut body, mut pace)| async move {
+        Ok(next_chunk(Pin::new(&mut body), &mut pace).await?.map(|chunk| (chunk, (body, pace))))
     })
 }
 

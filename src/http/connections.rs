@@ -5,37 +5,63 @@ use std::io::{Error, ErrorKind};
 use std::sync::Arc;
 use std::time::Duration;
 
+use axum::http::Response;
+
 use hyper::server::conn::http1;
 use hyper::service::service_fn;
 use hyper_util::rt::TokioIo;
 use hyper_util::server::graceful::{GracefulShutdown, Watcher};
-use tokio::io::{AsyncRead, AsyncWrite};
+use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt};
 use tokio::net::{TcpListener, TcpStream};
-use tokio::sync::watch;
+use tokio::sync::{OwnedSemaphorePermit, Semaphore, watch};
+use tokio::time::timeout;
 
 use super::interface::Interface;
-use super::stopped;
+use super::patience::{Activity, Patience, Watched};
 use super::tls::Tls;
+use super::{ServerSettings, stopped};
 
 /// How long no connection is taken in after the system could not give one: it has no more of something, and asking again at
 /// once would only take its time.
 const PAUSE: Duration = Duration::from_secs(1);
 
-/// Answers whoever connects to `listener`. Once `stopping` turns true nobody else is taken in, connections between two
-/// requests are closed, and the others after the answer they wait for; then this ends.
+/// How many of those who find the server full are told so at once; the others are hung up on.
+const TOLD: usize = 256;
+
+/// How long somebody may take to hear that the server is full.
+const TELLING: Duration = Duration::from_secs(2);
+
+/// What a client is told when as many connections are open as the server keeps.
+const FULL: &[u8] = b"HTTP/1.1 503 Service Unavailable\r\ncontent-type: application/problem+json\r\nretry-after: 1\r\n\
+    connection: close\r\ncontent-length: 129\r\n\r\n\
+    {\"type\":\"about:blank\",\"title\":\"Too many connections\",\"status\":503,\"code\":\"busy\",\
+    \"detail\":\"as many are open as the server keeps\"}\n";
+
+/// Answers whoever connects to `listener`, `settings.connections` of them at once. Once `stopping` turns true nobody else is
+/// taken in, connections between two requests are closed, and the others after the answer they wait for; then this ends.
 pub async fn serve(
     listener: TcpListener,
     tls: Option<Arc<Tls>>,
     interface: Interface,
+    settings: &ServerSettings,
     mut stopping: watch::Receiver<bool>,
 ) {
     let connections = GracefulShutdown::new();
+    let (free, telling) = (Arc::new(Semaphore::new(settings.connections)), Arc::new(Semaphore::new(TOLD)));
+    let patience = Patience::new(settings);
     loop {
         tokio::select! {
             accepted = listener.accept() => match accepted {
-                Ok((stream, _)) => {
-                    tokio::spawn(receive(stream, tls.clone(), interface.clone(), connections.watcher()));
-                }
+                Ok((stream, _)) => match (Arc::clone(&free).try_acquire_owned(), Arc::clone(&telling).try_acquire_owned()) {
+                    (Ok(place), _) => {
+                        let (tls, interface) = (tls.clone(), interface.clone());
+                        tokio::spawn(receive(stream, tls, interface, patience, connections.watcher(), place));
+                    }
+                    (Err(_), Ok(place)) => {
+                        tokio::spawn(tell_full(stream, place));
+                    }
+                    (Err(_), Err(_)) => drop(stream),
+                },
                 Err(error) if of_the_client(&error) => {}
                 Err(error) => {
                     tracing::error!(%error, "no connection can be taken in");
@@ -54,27 +80,62 @@ fn of_the_client(error: &Error) -> bool {
     matches!(error.kind(), ErrorKind::ConnectionRefused | ErrorKind::ConnectionAborted | ErrorKind::ConnectionReset)
 }
 
+/// Says that the server is full, and waits until the client has heard it: closing at once would tear up what is on its way.
+async fn tell_full(mut stream: TcpStream, _place: OwnedSemaphorePermit) {
+    let told = async {
+        stream.write_all(FULL).await?;
+        stream.shutdown().await?;
+        let mut rest = [0; 1024];
+        while stream.read(&mut rest).await? > 0 {}
+        Ok::<_, Error>(())
+    };
+    let _ = timeout(TELLING, told).await;
+}
+
 /// Takes one connection in, encrypted or not.
-async fn receive(stream: TcpStream, tls: Option<Arc<Tls>>, interface: Interface, stop: Watcher) {
+async fn receive(
+    stream: TcpStream,
+    tls: Option<Arc<Tls>>,
+    interface: Interface,
+    patience: Patience,
+    stop: Watcher,
+    _place: OwnedSemaphorePermit,
+) {
     // An answer is written at once and whole; waiting for more to send with it only delays it.
     let _ = stream.set_nodelay(true);
-    let Some(tls) = tls else { return answer(stream, interface, stop).await };
+    let Some(tls) = tls else { return answer(stream, interface, patience, stop).await };
     match tls.accept(stream).await {
-        Ok(stream) => answer(stream, interface, stop).await,
+        Ok(stream) => answer(stream, interface, patience, stop).await,
         Err(error) => tracing::debug!(%error, "no keys were agreed on"),
     }
 }
 
 /// Answers the requests of one connection.
-async fn answer(stream: impl AsyncRead + AsyncWrite + Unpin + Send + 'static, interface: Interface, stop: Watcher) {
+async fn answer(
+    stream: impl AsyncRead + AsyncWrite + Unpin + Send + 'static,
+    interface: Interface,
+    patience: Patience,
+    stop: Watcher,
+) {
     // Counted by this connection alone: threads that share a count for every request wait for each other.
-    let interface = Arc::new(interface);
+    let own = Arc::new((interface, Arc::new(Activity::default())));
+    let activity = Arc::clone(&own.1);
     let service = service_fn(move |request| {
-        let interface = Arc::clone(&interface);
-        async move { Ok::<_, Infallible>(interface.answer(request).await) }
+        let own = Arc::clone(&own);
+        async move {
+            let (interface, activity) = &*own;
+            activity.asked();
+            let answer = interface.answer(request).await;
+            activity.answered();
+            Ok::<Response<_>, Infallible>(answer)
+        }
     });
-    let connection = http1::Builder::new().serve_connection(TokioIo::new(stream), service);
-    if let Err(error) = stop.watch(connection).await {
-        tracing::trace!(%error, "a connection broke");
+    let stream = TokioIo::new(Watched::new(stream, Arc::clone(&activity)));
+    let connection = http1::Builder::new().serve_connection(stream, service);
+    tokio::select! {
+        ended = stop.watch(connection) => if let Err(error) = ended {
+            tracing::trace!(%error, "a connection broke");
+        },
+        () = patience.ends(&activity) => {}
     }
 }

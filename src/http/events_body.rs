@@ -1,11 +1,13 @@
 //! Bodies of events, to be stored or only looked at: their type, their bytes, and what may be wrong with them.
 
+use std::io::{self, ErrorKind};
+
 use axum::body::Body;
 use axum::extract::Request;
 use axum::http::header::{CONTENT_ENCODING, CONTENT_TYPE, HeaderMap, HeaderName};
 
 use super::AppState;
-use super::body::{refuse_declared_excess, timed, too_large};
+use super::body::{Pace, refuse_declared_excess, timed, too_large};
 use super::problem::{Code, InputError, Problem};
 use crate::formats::{Encoding, Format, FormatError};
 use crate::ingest::{IngestError, Interrupted, OptionError, SpoolError, Spooled, spool};
@@ -32,12 +34,19 @@ pub(super) fn kind(headers: &HeaderMap) -> Result<(Format, Encoding), Problem> {
 pub(super) async fn take_body(app: &AppState, http: Request<Body>) -> Result<Spooled, Problem> {
     let limit = app.ingest.max_body_bytes;
     refuse_declared_excess(http.headers(), limit)?;
-    spool(timed(http.into_body(), app.settings.body_idle_s), &app.ingest).await.map_err(|interrupted| match interrupted
-    {
-        Interrupted::Body(problem) => problem,
-        Interrupted::Spool(SpoolError::TooLarge { max_bytes }) => too_large(max_bytes),
-        Interrupted::Spool(error @ SpoolError::Io(_)) => Problem::internal(error),
-    })
+    spool(timed(http.into_body(), Pace::of(&app.settings)), &app.ingest).await.map_err(
+        |interrupted| match interrupted {
+            Interrupted::Body(problem) => problem,
+            Interrupted::Spool(SpoolError::TooLarge { max_bytes }) => too_large(max_bytes),
+            Interrupted::Spool(SpoolError::Io(error)) if is_full(&error) => Problem::full(error),
+            Interrupted::Spool(error @ SpoolError::Io(_)) => Problem::internal(error),
+        },
+    )
+}
+
+/// Whether a file cannot be written because there is no room, or no more may be taken.
+fn is_full(error: &io::Error) -> bool {
+    matches!(error.kind(), ErrorKind::StorageFull | ErrorKind::QuotaExceeded | ErrorKind::FileTooLarge)
 }
 
 /// A 422 that names the option.

@@ -104,7 +104,7 @@ fn refusal(defect: &KeyDefect) -> Problem {
 async fn settle(app: &Arc<AppState>, transaction: WriteTransaction) -> Result<(), Problem> {
     let app = Arc::clone(app);
     let settled = tokio::spawn(async move {
-        transaction.commit().await.map_err(Problem::internal)?;
+        transaction.commit().await?;
         app.gate.refresh(&app.store).await.map_err(Problem::from)
     });
     settled.await.map_err(Problem::internal)?

@@ -40,6 +40,8 @@ mod numbers;
 mod object;
 /// Names and ids in paths.
 mod path;
+/// How long a connection is waited for.
+mod patience;
 /// Predictions and simulations.
 mod predict;
 /// The table of problems.

@@ -79,7 +79,7 @@ pub(super) async fn create(
     };
     let answer = answer(StatusCode::CREATED, &model).with_header(&LOCATION, format!("/v1/models/{}", model.name));
     request.keep(&mut tx, request_sha256, &answer).await?;
-    tx.commit().await.map_err(Problem::internal)?;
+    tx.commit().await?;
     tracing::info!(model = %model.name, method = model.method.as_str(), "model created");
     Ok(answer)
 }
@@ -116,7 +116,7 @@ pub(super) async fn resume(
 async fn set_paused(app: &AppState, model: &Model, by: &Actor, paused: bool) -> Result<Answer, Problem> {
     let mut tx = app.store.begin_for(by).await?;
     let model = model::set_paused(&mut tx, model.model_id, paused).await?;
-    tx.commit().await.map_err(Problem::internal)?;
+    tx.commit().await?;
     if paused {
         app.scheduler.hold(model.model_id);
     } else {

@@ -10,6 +10,7 @@ use serde_json::{Map, Value, json};
 
 use super::answer::Answer;
 use crate::lineage;
+use crate::store::StoreError;
 
 /// What a problem says of the request it answers.
 #[derive(Debug, Clone)]
@@ -72,6 +73,8 @@ pub enum Code {
     NotAvailable,
     Busy,
     DatabaseBusy,
+    StorageFull,
+    DatabaseReadOnly,
     ShuttingDown,
     NotReady,
 }
@@ -127,6 +130,8 @@ impl Code {
         Self::NotAvailable,
         Self::Busy,
         Self::DatabaseBusy,
+        Self::StorageFull,
+        Self::DatabaseReadOnly,
         Self::ShuttingDown,
         Self::NotReady,
     ];
@@ -192,6 +197,8 @@ impl Code {
             Self::DatabaseBusy => {
                 ("database_busy", S::SERVICE_UNAVAILABLE, "Other changes keep the database busy for too long")
             }
+            Self::StorageFull => ("storage_full", S::INSUFFICIENT_STORAGE, "There is no room to store anything"),
+            Self::DatabaseReadOnly => ("database_read_only", S::SERVICE_UNAVAILABLE, "The database cannot be written"),
             Self::NotReady => ("not_ready", S::SERVICE_UNAVAILABLE, "The server cannot serve everything yet"),
             Self::ShuttingDown => ("shutting_down", S::SERVICE_UNAVAILABLE, "The server is going down"),
         }
@@ -281,12 +288,25 @@ impl Problem {
     /// A 500: the cause is for the log alone.
     #[must_use]
     pub fn internal(cause: impl std::fmt::Display) -> Self {
-        let mut problem = Code::Internal.because("the log tells more under this request id");
-        problem.0.cause = Some(cause.to_string());
-        problem
+        Code::Internal.because("the log tells more under this request id").with_cause(cause)
     }
 
-    /// A 503 that asks to come back in a second.
+    /// A 507: what was to be stored finds no room.
+    #[must_use]
+    pub fn full(cause: impl std::fmt::Display) -> Self {
+        let detail =
+            "nothing was changed, and predictions go on; the same request may be sent again once there is room";
+        Self::busy(Code::StorageFull, detail).with_cause(cause)
+    }
+
+    /// With a cause that is for the log alone.
+    #[must_use]
+    fn with_cause(mut self, cause: impl std::fmt::Display) -> Self {
+        self.0.cause = Some(cause.to_string());
+        self
+    }
+
+    /// A 503 or 507 that asks to come back in a second.
     #[must_use]
     pub fn busy(code: Code, detail: impl Into<Cow<'static, str>>) -> Self {
         code.because(detail).with_header(RETRY_AFTER, HeaderValue::from_static("1"))
@@ -367,13 +387,18 @@ impl IntoResponse for Problem {
     }
 }
 
-impl From<crate::store::StoreError> for Problem {
-    fn from(error: crate::store::StoreError) -> Self {
+impl From<StoreError> for Problem {
+    fn from(error: StoreError) -> Self {
         match error {
-            crate::store::StoreError::Busy => {
+            StoreError::Busy => {
                 Self::busy(Code::DatabaseBusy, "nothing was changed; the same request may be sent again")
             }
-            crate::store::StoreError::Corrupt { detail, .. } => Code::Corrupt.because(detail),
+            StoreError::Corrupt { detail, .. } => Code::Corrupt.because(detail),
+            error @ StoreError::Full(_) => Self::full(error),
+            error @ StoreError::ReadOnly(_) => {
+                let detail = "nothing was changed; predictions go on";
+                Self::busy(Code::DatabaseReadOnly, detail).with_cause(error)
+            }
             error => Self::internal(error),
         }
     }

@@ -170,7 +170,7 @@ async fn finish(
     answer: &Answer,
 ) -> Result<(), Problem> {
     request.keep(&mut tx, request_sha256, answer).await?;
-    tx.commit().await.map_err(Problem::internal)?;
+    tx.commit().await?;
     tracing::info!(model = %model.name, live = moved.live, head = moved.head, from = moved.from, "live version moved");
     for &task in &moved.cancelled {
         app.scheduler.cancel(task);

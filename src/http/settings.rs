@@ -17,8 +17,18 @@ pub struct ServerSettings {
     pub threads: usize,
     /// Largest JSON body of a call other than an upload, bytes.
     pub json_body_bytes: u64,
+    /// Connections open at once; further ones are told 503.
+    pub connections: usize,
+    /// A request whose head is not complete after so long is given up, s.
+    pub head_s: f64,
     /// A body of which nothing comes for so long is given up, s.
     pub body_idle_s: f64,
+    /// A body that comes more slowly than this over its whole length is given up, bytes/s; its first `body_idle_s` do not count.
+    pub body_bytes_per_s: f64,
+    /// An answer of which nothing is read for so long is given up, s.
+    pub answer_idle_s: f64,
+    /// A connection on which nothing is asked for so long is closed, s.
+    pub idle_s: f64,
     /// Uploads received and stored at once.
     pub concurrent_uploads: usize,
     /// Simulations, and predictions too large to wait for company, computed at once.
@@ -69,11 +79,16 @@ impl ServerSettings {
 
     /// Every number, and the range it must lie in.
     #[must_use]
-    pub fn numbers(&self) -> [(&'static str, f64, RangeInclusive<f64>); 18] {
+    pub fn numbers(&self) -> [(&'static str, f64, RangeInclusive<f64>); 23] {
         [
             ("threads", self.threads as f64, 0.0..=1024.0),
             ("json_body_bytes", self.json_body_bytes as f64, 1.0..=1e9),
+            ("connections", self.connections as f64, 1.0..=1e6),
+            ("head_s", self.head_s, 0.01..=3600.0),
             ("body_idle_s", self.body_idle_s, 0.01..=86_400.0),
+            ("body_bytes_per_s", self.body_bytes_per_s, 0.001..=1e12),
+            ("answer_idle_s", self.answer_idle_s, 0.01..=86_400.0),
+            ("idle_s", self.idle_s, 0.01..=86_400.0),
             ("concurrent_uploads", self.concurrent_uploads as f64, 1.0..=10_000.0),
             ("concurrent_predictions", self.concurrent_predictions as f64, 1.0..=10_000.0),
             ("concurrent_evaluations", self.concurrent_evaluations as f64, 1.0..=10_000.0),

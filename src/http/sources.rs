@@ -51,7 +51,7 @@ pub(super) async fn release(
     let released = source::release(&mut tx, model.model_id, &name, now).await?;
     let tasks = selection::create_due(&mut tx, model.model_id, model.settings.schedule, now).await?;
     let after = source::get(&mut tx, model.model_id, &name).await?.ok_or_else(missing)?;
-    tx.commit().await.map_err(Problem::internal)?;
+    tx.commit().await?;
     app.scheduler.wake();
     if let Some(events) = released {
         tracing::info!(model = %model.name, source = name, events, "a source was released");

@@ -139,7 +139,7 @@ pub(super) async fn create(
     let location = format!("/v1/models/{}/tasks/{}", model.name, task_id(first.task_id));
     let answer = Answer::json(StatusCode::ACCEPTED, &shown).with_header(&LOCATION, location);
     request.keep(&mut tx, request_sha256, &answer).await?;
-    tx.commit().await.map_err(Problem::internal)?;
+    tx.commit().await?;
     app.scheduler.wake();
     Ok(answer)
 }
@@ -263,7 +263,7 @@ pub(super) async fn cancel(
     for part in &parts {
         task::cancel(&mut tx, model.model_id, part.task_id, Timestamp::now()).await?;
     }
-    tx.commit().await.map_err(Problem::internal)?;
+    tx.commit().await?;
     for part in &parts {
         app.scheduler.cancel(part.task_id);
     }

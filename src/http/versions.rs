@@ -117,7 +117,7 @@ pub(super) async fn annotate(
     if !version::set_note(&mut tx, model.model_id, version, note.as_deref(), Timestamp::now()).await? {
         return Err(missing(model.name.as_str(), version));
     }
-    tx.commit().await.map_err(Problem::internal)?;
+    tx.commit().await?;
     Ok(Answer::ok(&body(&app, &model, &find(&app, &model, version).await?)))
 }
 

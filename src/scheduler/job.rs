@@ -18,11 +18,15 @@ pub(super) async fn supervise(scheduler: Scheduler, task: Task, running: Running
     let task_id = task.task_id;
     let job = tokio::spawn(run(scheduler.clone(), task, running.clone()));
     let end = job.await.unwrap_or_else(|join| Err(join.into()));
+    // What cannot be written now is not tried again at once, but when the scheduler looks next.
+    let may_pass = matches!(&end, Err(JobError::Store(error)) if error.may_pass());
     if let Err(error) = settle(&scheduler, task_id, &running, end).await {
         tracing::error!(task_id, %error, "the end of a task could not be written; it is tried again");
     }
     scheduler.0.running.release(task_id);
-    scheduler.wake();
+    if !may_pass {
+        scheduler.wake();
+    }
 }
 
 /// Writes how a job that made no version ended.
@@ -58,6 +62,10 @@ async fn settle(
             outcome::failed(&mut transaction, task_id, &error, now).await?;
             tracing::warn!(task_id, code = error.code, detail = error.detail, "a task failed");
         }
+        JobError::Store(error) if error.may_pass() => {
+            task::put_back(&mut transaction, task_id).await?;
+            tracing::warn!(task_id, %error, "a task waits until the database can be written again");
+        }
         error @ (JobError::Store(_) | JobError::Panicked(_)) => {
             // The cause is for the log only.
             let told =
@@ -66,7 +74,7 @@ async fn settle(
             tracing::error!(task_id, %error, "a task failed");
         }
     }
-    Ok(transaction.commit().await?)
+    transaction.commit().await
 }
 
 async fn run(scheduler: Scheduler, task: Task, running: Running) -> Result<(), JobError> {
@@ -135,7 +143,7 @@ async fn finish(
         let now = (scheduler.0.clock)();
         match outcome::succeeded(&mut transaction, stage.task.task_id, &verdict.outcome, now).await? {
             Ok(finished) => {
-                transaction.commit().await.map_err(StoreError::from)?;
+                transaction.commit().await?;
                 if finished.live {
                     scheduler.0.predictor.refresh(stage.model.model_id).await;
                 }

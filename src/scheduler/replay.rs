@@ -29,7 +29,7 @@ pub(super) async fn conclude(scheduler: &Scheduler, task: &Task, running: &Runni
         let mut transaction = store.begin().await?;
         match replay::ended(&mut transaction, task.task_id, &report, (scheduler.0.clock)()).await? {
             Ok(()) => {
-                transaction.commit().await.map_err(StoreError::from)?;
+                transaction.commit().await?;
                 scheduler.0.predictor.refresh(task.model_id).await;
                 tell(task, &report);
                 return Ok(());

@@ -6,7 +6,7 @@ use sqlx::sqlite::SqliteRow;
 use sqlx::{Row, query};
 
 use super::column::{count, json, optional_time, stored_time, time, word};
-use super::{Store, StoreError, WriteTransaction};
+use super::{Purpose, Store, StoreError, WriteTransaction};
 use crate::lineage::{Batch, EventCounts, RegimeName};
 
 /// An upload that begins to be stored.
@@ -46,6 +46,7 @@ pub struct BatchOutcome {
 /// # Errors
 /// When the database cannot be written.
 pub async fn begin(transaction: &mut WriteTransaction, batch: &NewBatch) -> Result<i64, StoreError> {
+    transaction.is_for(Purpose::BatchUploaded);
     let row = query(
         "insert into batch (model_id, source, regime, content_type, body_sha256, body_bytes, accepted, duplicates,
              rejected, summary, created_at) values (?, ?, ?, ?, ?, ?, 0, 0, 0, '{}', ?) returning batch_id",

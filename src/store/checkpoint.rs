@@ -4,7 +4,7 @@ use jiff::Timestamp;
 use sqlx::{Row, query};
 
 use super::column::{digest, sha256, stored_time};
-use super::{Part, Store, StoreError};
+use super::{Part, Purpose, Store, StoreError};
 
 impl Store {
     /// Replaces the task's checkpoint, if the task is still running. A task that gets on is not what ends its process:
@@ -20,6 +20,7 @@ impl Store {
         now: Timestamp,
     ) -> Result<(), StoreError> {
         let mut transaction = self.begin().await?;
+        transaction.is_for(Purpose::TaskCheckpointed);
         query(
             "insert or replace into checkpoint (task_id, saved_at, share, state, state_sha256)
              select task_id, ?, ?, ?, ? from task where task_id = ? and state = 'running'",
@@ -35,7 +36,7 @@ impl Store {
             .bind(task_id)
             .execute(&mut *transaction)
             .await?;
-        Ok(transaction.commit().await?)
+        transaction.commit().await
     }
 
     /// The task's checkpoint, if it has one.

@@ -9,7 +9,7 @@ use sqlx::{AssertSqlSafe, Row, query};
 
 use super::column::stored_time;
 use super::idempotency::RequestIdentity;
-use super::{Store, StoreError, WriteTransaction};
+use super::{Purpose, Store, StoreError, WriteTransaction};
 
 /// Asks for the erasure of what a retracted batch held; asking again changes nothing. `false` when it is not retracted.
 ///
@@ -67,6 +67,7 @@ impl Store {
     /// When the database cannot be written.
     pub async fn erase_events(&self, batch_id: i64, from: i64, limit: u32) -> Result<Option<i64>, StoreError> {
         let mut transaction = self.begin().await?;
+        transaction.is_for(Purpose::ContentErased);
         let row = query(
             "select max(ordinal) as last from (
                  select ordinal from batch_event where batch_id = ? and ordinal >= ? order by ordinal limit ?)",
@@ -98,6 +99,7 @@ impl Store {
     /// When the database cannot be written.
     pub async fn erase_words(&self, batch_id: i64, from: i64, limit: u32) -> Result<Option<i64>, StoreError> {
         let mut transaction = self.begin().await?;
+        transaction.is_for(Purpose::ContentErased);
         query(
             "update idempotency set body = cast(json_set(cast(body as text), '$.rejected', json('[]')) as blob)
              where batch_id = ?",
@@ -129,12 +131,13 @@ impl Store {
     /// When the database cannot be written.
     pub async fn note_erased(&self, batch_id: i64, now: Timestamp) -> Result<(), StoreError> {
         let mut transaction = self.begin().await?;
+        transaction.is_for(Purpose::ErasureNoted);
         query("update batch set erased_at = ? where batch_id = ?")
             .bind(stored_time(now))
             .bind(batch_id)
             .execute(&mut *transaction)
             .await?;
-        Ok(transaction.commit().await?)
+        transaction.commit().await
     }
 
     /// Writes the write-ahead log into the database and empties it. `false` when a reader was in the way; it is not waited

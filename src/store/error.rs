@@ -99,6 +99,12 @@ pub enum StoreError {
     /// The writer was taken for too long, by this process or another.
     #[error("other changes of the database took longer than database.writer_wait_s or busy_timeout_s")]
     Busy,
+    /// Nothing more can be written: the disk is full, or a limit on what this process may write is reached.
+    #[error("the database cannot grow: {0}")]
+    Full(sqlx::Error),
+    /// The database cannot be written at all.
+    #[error("the database is read-only: {0}")]
+    ReadOnly(sqlx::Error),
     /// `SQLite` said no.
     #[error("database: {0}")]
     Sql(sqlx::Error),
@@ -131,7 +137,45 @@ fn first(found: &Verification) -> String {
     told.map(|fault| format!("{}: {}: {}", fault.check, fault.place, fault.detail)).unwrap_or_default()
 }
 
+impl From<sqlx::Error> for StoreError {
+    fn from(error: sqlx::Error) -> Self {
+        if matches!(error, sqlx::Error::PoolTimedOut) {
+            return Self::Busy;
+        }
+        match result_code(&error) {
+            Some(BUSY) => Self::Busy,
+            Some(READONLY) => Self::ReadOnly(error),
+            Some(FULL | IOERR_WRITE | IOERR_TRUNCATE | IOERR_SHMSIZE) => Self::Full(error),
+            Some(CORRUPT | NOTADB) => Self::Damaged(error),
+            _ => Self::Sql(error),
+        }
+    }
+}
+
+// <https://sqlite.org/rescode.html>
+const BUSY: i32 = 5;
+const READONLY: i32 = 8;
+const IOERR: i32 = 10;
+const CORRUPT: i32 = 11;
+const FULL: i32 = 13;
+const NOTADB: i32 = 26;
+const IOERR_WRITE: i32 = IOERR | (3 << 8);
+const IOERR_TRUNCATE: i32 = IOERR | (6 << 8);
+const IOERR_SHMSIZE: i32 = IOERR | (19 << 8);
+
+/// The result code of `SQLite`: of failed input and output the extended one, else the primary one, its last byte.
+fn result_code(error: &sqlx::Error) -> Option<i32> {
+    let code: i32 = error.as_database_error()?.code()?.parse().ok()?;
+    Some(if code & 0xff == IOERR { code } else { code & 0xff })
+}
+
 impl StoreError {
+    /// Whether the same may succeed later: nothing is wrong with what was to be read or written.
+    #[must_use]
+    pub fn may_pass(&self) -> bool {
+        matches!(self, Self::Busy | Self::Full(_) | Self::ReadOnly(_))
+    }
+
     /// A stored `what` that cannot be read back.
     #[expect(clippy::needless_pass_by_value, reason = "callers hand over an error they are done with")]
     pub(crate) fn malformed(what: &'static str, detail: impl ToString) -> Self {
@@ -141,14 +185,5 @@ impl StoreError {
     /// A stored `part` that is not what was written.
     pub(crate) fn corrupt(part: Part, detail: impl Into<String>) -> Self {
         Self::Corrupt { part, detail: detail.into() }
-    }
-}
-
-impl From<sqlx::Error> for StoreError {
-    fn from(error: sqlx::Error) -> Self {
-        // The primary code of SQLITE_CORRUPT and its kin, and of SQLITE_NOTADB.
-        const DAMAGED: [i32; 2] = [11, 26];
-        let code = error.as_database_error().and_then(|error| error.code()?.parse::<i32>().ok());
-        if code.is_some_and(|code| DAMAGED.contains(&(code & 0xff))) { Self::Damaged(error) } else { Self::Sql(error) }
     }
 }

@@ -5,7 +5,7 @@ use sqlx::sqlite::{SqliteConnection, SqliteRow};
 use sqlx::{Row, query};
 
 use super::column::{digest, json, optional_time, stored_time, time};
-use super::{Store, StoreError, WriteTransaction};
+use super::{Purpose, Store, StoreError, WriteTransaction};
 use crate::access::{Issued, Key, KeyId, KeyState, KeyWish, Scope, StoredKey};
 
 /// Why no key was made.
@@ -100,6 +100,7 @@ pub async fn create(
     max_keys: u32,
     now: Timestamp,
 ) -> Result<Result<Key, NoKey>, StoreError> {
+    transaction.is_for(Purpose::KeyCreated);
     let row = query("select count(*) as keys from access_key").fetch_one(&mut **transaction).await?;
     if row.try_get::<i64, _>("keys")? >= i64::from(max_keys) {
         return Ok(Err(NoKey::TooMany(max_keys)));
@@ -135,6 +136,7 @@ pub async fn revoke(
     force: bool,
     now: Timestamp,
 ) -> Result<Revoked, StoreError> {
+    transaction.is_for(Purpose::KeyRevoked);
     let row =
         query(select_key!("where key_id = ?")).bind(key_id.to_string()).fetch_optional(&mut **transaction).await?;
     let Some(row) = row else { return Ok(Revoked::Unknown) };

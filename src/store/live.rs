@@ -5,7 +5,7 @@ use sqlx::{Row, query};
 
 use super::history::{self, Action, Change};
 use super::pointers::{self, Pointers};
-use super::{StoreError, WriteTransaction, outcome, prune, taint, version};
+use super::{Purpose, StoreError, WriteTransaction, outcome, prune, taint, version};
 
 /// A wish to move live (and, for a rollback, head).
 #[derive(Debug, Clone, Copy)]
@@ -65,6 +65,7 @@ pub async fn promote(
     request: &MoveRequest<'_>,
     now: Timestamp,
 ) -> Result<Result<Moved, MoveRefused>, StoreError> {
+    transaction.is_for(Purpose::Promoted);
     let before = pointers::read(transaction, model_id).await?;
     let target = match target(transaction, model_id, &before, request).await? {
         Ok(target) if !request.force && taint::is_tainted(transaction, model_id, target).await? => {
@@ -89,6 +90,7 @@ pub async fn rollback(
     request: &MoveRequest<'_>,
     now: Timestamp,
 ) -> Result<Result<Moved, MoveRefused>, StoreError> {
+    transaction.is_for(Purpose::RolledBack);
     let before = pointers::read(transaction, model_id).await?;
     let target = match target(transaction, model_id, &before, request).await? {
         Ok(target) if !request.force && taint::is_tainted(transaction, model_id, target).await? => {

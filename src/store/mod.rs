@@ -53,6 +53,7 @@ pub mod source;
 mod taint;
 /// Tasks: reading, starting, cancelling.
 pub mod task;
+mod transaction;
 /// Whether a database is what was written.
 pub mod verify;
 /// Versions and their notes.
@@ -62,7 +63,7 @@ use std::fs::File;
 use std::path::{Path, PathBuf};
 
 use sqlx::sqlite::{SqliteAutoVacuum, SqliteConnectOptions, SqliteJournalMode, SqlitePoolOptions, SqliteSynchronous};
-use sqlx::{Connection as _, Sqlite, SqlitePool, Transaction};
+use sqlx::{Connection, SqliteConnection, SqlitePool};
 
 pub use audit::Actor;
 pub use census::ModelCensus;
@@ -71,9 +72,7 @@ pub use ledger::LedgerEvent;
 pub use line::LineRegime;
 pub use settings::StoreSettings;
 pub use size::DatabaseSize;
-
-/// A write transaction; dropped without a commit it never happened.
-pub type WriteTransaction = Transaction<'static, Sqlite>;
+pub use transaction::{Purpose, WriteTransaction};
 
 /// The database of one server.
 #[derive(Debug)]
@@ -85,7 +84,7 @@ pub struct Store {
     /// As `SQLite` counts it.
     busy_timeout_ms: u128,
     /// Held as long as the store lives: one process owns a database. None where it is only read.
-    _lock: Option<File>,
+    lock: Option<File>,
 }
 
 impl Store {
@@ -114,6 +113,7 @@ impl Store {
         first.close().await;
         let writer = SqlitePoolOptions::new()
             .max_connections(1)
+            .after_release(|connection, _| Box::pin(is_outside_transactions(connection)))
             .acquire_timeout(std::time::Duration::from_secs_f64(settings.writer_wait_s))
             .after_connect(|connection, _| Box::pin(audit::prepare(connection)))
             .connect_with(options.clone())
@@ -128,7 +128,7 @@ impl Store {
             path: settings.path.clone(),
             busy_timeout_ms: busy_timeout.as_millis(),
             damage: damage::Damage::default(),
-            _lock: Some(lock),
+            lock: Some(lock),
         };
         let mut transaction = store.begin().await?;
         seal::seal(&mut transaction).await?;
@@ -149,7 +149,7 @@ impl Store {
         let readers = SqlitePoolOptions::new().max_connections(2).connect_with(options).await?;
         let damage = damage::Damage::default();
         let (writer, path) = (readers.clone(), path.to_owned());
-        Ok(Self { writer, readers, damage, path, busy_timeout_ms: 0, _lock: None })
+        Ok(Self { writer, readers, damage, path, busy_timeout_ms: 0, lock: None })
     }
 
     /// The database's file.
@@ -171,27 +171,28 @@ impl Store {
     /// # Errors
     /// When the database cannot be written, or other changes take longer than `writer_wait_s`.
     pub async fn begin_for(&self, actor: &Actor) -> Result<WriteTransaction, StoreError> {
-        let begun = self.writer.begin_with("begin immediate").await;
-        let mut transaction = begun.map_err(|error| match error {
-            sqlx::Error::PoolTimedOut => StoreError::Busy,
-            error if is_locked(&error) => StoreError::Busy,
-            error => error.into(),
-        })?;
+        let mut transaction = WriteTransaction::new(self.writer.begin_with("begin immediate").await?);
         audit::act(&mut transaction, actor).await?;
         Ok(transaction)
     }
 
-    /// Closes every connection; the write-ahead log is folded back into the database.
+    /// Closes every connection; the write-ahead log is folded back into the database, which another process may own from then
+    /// on, whoever still holds this store.
     pub async fn close(&self) {
         self.readers.close().await;
         self.writer.close().await;
+        if let Some(Err(error)) = self.lock.as_ref().map(File::unlock) {
+            tracing::warn!(%error, "the lock of the database goes with the process");
+        }
     }
 }
 
-/// Whether another process, such as a backup, held `SQLite`'s lock for longer than the busy timeout.
-fn is_locked(error: &sqlx::Error) -> bool {
-    const SQLITE_BUSY: &str = "5";
-    error.as_database_error().and_then(sqlx::error::DatabaseError::code).is_some_and(|code| code == SQLITE_BUSY)
+/// Whether a connection that comes back can be used again. Where the disk is full, `SQLite` takes a transaction back by itself,
+/// sqlx goes on counting it, and no other could ever begin.
+async fn is_outside_transactions(connection: &mut SqliteConnection) -> Result<bool, sqlx::Error> {
+    // Behind what else it has to do, a rollback above all.
+    connection.ping().await?;
+    Ok(!connection.is_in_transaction())
 }
 
 fn lock(path: &Path) -> Result<File, StoreError> {

@@ -4,7 +4,7 @@ use jiff::Timestamp;
 use sqlx::sqlite::{SqliteConnection, SqliteRow};
 use sqlx::{Row, query};
 
-use super::{Part, Store, StoreError, WriteTransaction, seal};
+use super::{Part, Purpose, Store, StoreError, WriteTransaction, seal};
 use crate::consolidation::Method;
 use crate::lineage::{Model, ModelName, ModelSettings};
 
@@ -29,6 +29,7 @@ pub async fn create(
     method: Method,
     settings: &ModelSettings,
 ) -> Result<Option<Model>, StoreError> {
+    transaction.is_for(Purpose::ModelCreated);
     let now = Timestamp::now();
     let inserted = query(
         "insert into model (name, method, settings, created_at) values (?, ?, ?, ?) \
@@ -60,6 +61,7 @@ pub async fn create(
 /// # Errors
 /// When the database cannot be written or the model is gone.
 pub async fn set_paused(transaction: &mut WriteTransaction, model_id: i64, paused: bool) -> Result<Model, StoreError> {
+    transaction.is_for(Purpose::ModelPaused);
     query("update model set paused = ?1, revision = revision + 1 where model_id = ?2 and paused <> ?1")
         .bind(paused)
         .bind(model_id)
@@ -86,7 +88,7 @@ impl Store {
         let name = ModelName::parse("default").expect("well formed");
         let mut transaction = self.begin().await?;
         create(&mut transaction, &name, Method::Ewc, settings).await?;
-        Ok(transaction.commit().await?)
+        transaction.commit().await
     }
 
     /// The model with this row id.

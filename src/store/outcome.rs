@@ -7,7 +7,7 @@ use sqlx::{Row, query};
 use super::column::{sha256, stored_floats, stored_time};
 use super::history::{self, Change};
 use super::pointers::{self, Pointers};
-use super::{StoreError, WriteTransaction, seal, taint};
+use super::{Purpose, StoreError, WriteTransaction, seal, taint};
 use crate::consolidation::{Method, RegimeMemory};
 use crate::lineage::{ModelSettings, Promotion, PromotionDecision, RegimeEvaluation, StrengthSearch, TaskError};
 
@@ -90,6 +90,7 @@ pub async fn succeeded(
     outcome: &Outcome,
     now: Timestamp,
 ) -> Result<Result<Finished, Overtaken>, StoreError> {
+    transaction.is_for(Purpose::TaskSucceeded);
     let task = query("select * from task where task_id = ?").bind(task_id).fetch_one(&mut **transaction).await?;
     let model_id: i64 = task.try_get("model_id")?;
     let before = pointers::read(transaction, model_id).await?;
@@ -282,6 +283,7 @@ pub async fn failed(
     error: &TaskError,
     now: Timestamp,
 ) -> Result<bool, StoreError> {
+    transaction.is_for(Purpose::TaskFailed);
     end_without_version(transaction, task_id, "failed", Some(error), now, "held").await
 }
 
@@ -290,6 +292,7 @@ pub async fn failed(
 /// # Errors
 /// When the database cannot be written.
 pub async fn cancelled(transaction: &mut WriteTransaction, task_id: i64, now: Timestamp) -> Result<bool, StoreError> {
+    transaction.is_for(Purpose::TaskCancelled);
     end_without_version(transaction, task_id, "cancelled", None, now, "set_aside").await
 }
 

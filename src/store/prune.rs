@@ -7,7 +7,7 @@ use sqlx::sqlite::SqliteConnection;
 use sqlx::{Row, query};
 
 use super::column::stored_time;
-use super::{Store, StoreError};
+use super::{Purpose, Store, StoreError};
 
 /// Later than any time.
 const NEVER: &str = "9999";
@@ -38,6 +38,7 @@ impl Store {
             return Ok(0);
         }
         let mut transaction = self.begin().await?;
+        transaction.is_for(Purpose::EventsPruned);
         let pruned = query(
             "update event set arrays = x'', pruned_at = ?1 where event_id in (
                  select event_id from event indexed by event_prunable where model_id = ?2 and arrived_at < ?3
@@ -64,6 +65,7 @@ impl Store {
             return Ok(None);
         }
         let mut transaction = self.begin().await?;
+        transaction.is_for(Purpose::VersionPruned);
         let Some(version) = superfluous(&mut transaction, model_id, keep).await? else { return Ok(None) };
         query("insert into pruned (model_id, version, pruned_at) values (?, ?, ?)")
             .bind(model_id)

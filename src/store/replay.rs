@@ -9,7 +9,7 @@ use super::line::with_line;
 use super::outcome::Overtaken;
 use super::pointers::{self, Pointers};
 use super::retract::LineStage;
-use super::{Store, StoreError, WriteTransaction};
+use super::{Purpose, Store, StoreError, WriteTransaction};
 use crate::lineage::{RegimeName, ReplayReport, ReplayedStage};
 
 /// A replay to be made.
@@ -196,6 +196,7 @@ pub async fn ended(
     report: &ReplayReport,
     now: Timestamp,
 ) -> Result<Result<(), Overtaken>, StoreError> {
+    transaction.is_for(Purpose::ReplayEnded);
     let task = query("select model_id, state, cancel_requested from task where task_id = ?")
         .bind(task_id)
         .fetch_one(&mut **transaction)

@@ -7,7 +7,7 @@ use super::column::{stored_time, word};
 use super::history::{self, Action, Change};
 use super::line::with_line;
 use super::pointers::{self, Pointers};
-use super::{StoreError, WriteTransaction, outcome, prune, replay, taint};
+use super::{Purpose, StoreError, WriteTransaction, outcome, prune, replay, taint};
 use crate::lineage::{RegimeName, TaskState};
 
 /// What came of a wish to retract.
@@ -70,6 +70,7 @@ pub async fn retract(
     actor: &str,
     now: Timestamp,
 ) -> Result<Retracted, StoreError> {
+    transaction.is_for(Purpose::BatchRetracted);
     let row = query("select retracted_at from batch where batch_id = ? and model_id = ?")
         .bind(batch_id)
         .bind(model_id)

@@ -6,7 +6,7 @@ use sqlx::sqlite::SqliteConnection;
 use sqlx::{Row, query};
 
 use super::column::{count, stored_ids, stored_time, time, word};
-use super::{Store, StoreError, WriteTransaction};
+use super::{Purpose, Store, StoreError, WriteTransaction};
 use crate::lineage::{RegimeName, Schedule};
 
 /// Which events are to be learned.
@@ -130,6 +130,7 @@ pub async fn create_tasks(
     request: &TaskRequest,
     now: Timestamp,
 ) -> Result<Result<Vec<i64>, NoTask>, StoreError> {
+    transaction.is_for(Purpose::TaskCreated);
     let named = match &request.selection {
         Selection::Pending { .. } => None,
         Selection::Batches { batches, .. } => {
@@ -158,6 +159,7 @@ pub async fn create_due(
     schedule: Schedule,
     now: Timestamp,
 ) -> Result<Vec<i64>, StoreError> {
+    transaction.is_for(Purpose::TaskCreated);
     let mut tasks = Vec::new();
     for regime in due(transaction, model_id, schedule, now).await? {
         let request = TaskRequest {

@@ -5,7 +5,7 @@ use sqlx::sqlite::{SqliteConnection, SqliteRow};
 use sqlx::{Row, query};
 
 use super::column::{count, optional_time, stored_time};
-use super::{Store, StoreError, WriteTransaction};
+use super::{Purpose, Store, StoreError, WriteTransaction};
 
 /// A source of a model's events.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -122,6 +122,7 @@ pub async fn release(
     name: &str,
     now: Timestamp,
 ) -> Result<Option<u64>, StoreError> {
+    transaction.is_for(Purpose::SourceReleased);
     let released = query(
         "update source set held_at = null, released_at = ?, outcomes = ''
          where model_id = ? and name = ? and held_at is not null",

@@ -7,7 +7,7 @@ use sqlx::{Row, query};
 
 use super::column::{count, json, optional_count, optional_time, stored_time, time, word};
 use super::outcome;
-use super::{Store, StoreError, WriteTransaction};
+use super::{Purpose, Store, StoreError, WriteTransaction};
 use crate::lineage::{Task, TaskError, TaskState};
 
 /// What came of a wish to cancel.
@@ -162,6 +162,7 @@ pub async fn get(connection: &mut SqliteConnection, task_id: i64) -> Result<Opti
 /// # Errors
 /// When the database cannot be written.
 pub async fn take_over(transaction: &mut WriteTransaction, now: Timestamp) -> Result<Vec<i64>, StoreError> {
+    transaction.is_for(Purpose::TaskTakenOver);
     // In these words the index of active tasks is found, and not every task ever made is looked at.
     let rows = query(
         "update task set state = 'queued', crashes = crashes + 1
@@ -193,6 +194,7 @@ pub async fn start(
     max_crashes: u32,
     now: Timestamp,
 ) -> Result<Start, StoreError> {
+    transaction.is_for(Purpose::TaskStarted);
     let found = query(
         "update task set
              crashes = crashes + (state = 'running'),
@@ -237,6 +239,7 @@ pub async fn start(
 /// # Errors
 /// When the database cannot be written.
 pub async fn put_back(transaction: &mut WriteTransaction, task_id: i64) -> Result<(), StoreError> {
+    transaction.is_for(Purpose::TaskPutBack);
     query("update task set state = 'queued' where task_id = ? and state = 'running'")
         .bind(task_id)
         .execute(&mut **transaction)
@@ -266,6 +269,7 @@ pub async fn cancel(
             Ok(Cancelled::AtOnce)
         }
         TaskState::Running => {
+            transaction.is_for(Purpose::TaskCancelRequested);
             query("update task set cancel_requested = 1 where task_id = ?")
                 .bind(task_id)
                 .execute(&mut **transaction)

@@ -6,7 +6,7 @@ use sqlx::sqlite::{SqliteConnection, SqliteRow};
 use sqlx::{Row, query};
 
 use super::column::{count, digest, floats, json, sha256, stored_floats, stored_time, time, word};
-use super::{Part, Store, StoreError, WriteTransaction, seal};
+use super::{Part, Purpose, Store, StoreError, WriteTransaction, seal};
 use crate::lineage::Version;
 
 /// The columns of [`version_from`], never the weights; the rest of the statement follows.
@@ -161,6 +161,7 @@ pub async fn set_note(
     note: Option<&str>,
     now: Timestamp,
 ) -> Result<bool, StoreError> {
+    transaction.is_for(Purpose::VersionNoted);
     if !exists(transaction, model_id, version).await? {
         return Ok(false);
     }

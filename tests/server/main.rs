@@ -49,6 +49,8 @@ mod retract;
 mod serving;
 /// Predictions, which are recognised before the router.
 mod short_way;
+/// Clients that take their time.
+mod slow;
 /// Sources that are held.
 mod sources;
 /// Stopping and starting again.

@@ -2,6 +2,7 @@
 
 use std::fs::{self, File};
 use std::io::{BufRead, BufReader};
+use std::os::unix::process::ExitStatusExt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 
@@ -9,10 +10,14 @@ use reqwest::{Method, RequestBuilder};
 use serde_json::Value;
 use tempfile::TempDir;
 
+/// What ends a process at a fail point.
+const SIGABRT: i32 = 6;
+
 /// A directory with a database, and the settings of every process that serves it.
 pub(crate) struct Home {
     directory: TempDir,
     settings: Vec<String>,
+    variables: Vec<(String, String)>,
 }
 
 impl Home {
@@ -22,7 +27,17 @@ impl Home {
         fs::create_dir(directory.path().join("spool")).unwrap();
         let mut settings: Vec<String> = settings.iter().map(|&setting| setting.to_owned()).collect();
         settings.push(format!("ingest.spool_folder={}", directory.path().join("spool").display()));
-        Self { directory, settings }
+        Self { directory, settings, variables: Vec::new() }
+    }
+
+    /// One more setting of every process.
+    pub(crate) fn set(&mut self, setting: &str) {
+        self.settings.push(setting.to_owned());
+    }
+
+    /// Of the environment of every process.
+    pub(crate) fn set_variable(&mut self, name: &str, value: &str) {
+        self.variables.push((name.to_owned(), value.to_owned()));
     }
 
     pub(crate) fn path(&self) -> &Path {
@@ -35,10 +50,32 @@ impl Home {
 
     /// Starts a process that says on its stdout when it serves. Variables of the caller's are no settings of it.
     pub(crate) fn spawn(&self) -> Child {
+        self.spawn_with("")
+    }
+
+    /// Starts a process with these fail points, and waits until it serves; none when it died before.
+    pub(crate) fn start_failing(&self, points: &str) -> Option<Process> {
+        let mut child = self.spawn_with(points);
+        let mut first = String::new();
+        BufReader::new(child.stdout.take().unwrap()).read_line(&mut first).unwrap();
+        let Some(url) = first.trim().strip_prefix("listening on ") else {
+            assert_eq!(child.wait().unwrap().signal(), Some(SIGABRT), "{}", self.log());
+            return None;
+        };
+        Some(Process { url: url.to_owned(), child, client: reqwest::Client::new() })
+    }
+
+    /// What all processes said on stderr.
+    pub(crate) fn log(&self) -> String {
+        fs::read_to_string(self.path().join("log")).unwrap()
+    }
+
+    fn spawn_with(&self, points: &str) -> Child {
         let mut command = Command::new(env!("CARGO_BIN_EXE_headway"));
         for (name, _) in std::env::vars_os().filter(|(name, _)| name.to_string_lossy().starts_with("HEADWAY_")) {
             command.env_remove(name);
         }
+        command.env("FAILPOINTS", points).envs(self.variables.iter().map(|(name, value)| (name, value)));
         command.args(["serve", "--listen", "127.0.0.1:0", "--database"]).arg(self.database());
         command.args(self.settings.iter().map(|setting| format!("--set={setting}")));
         let log = File::options().create(true).append(true).open(self.path().join("log")).unwrap();
@@ -51,7 +88,7 @@ impl Home {
         let mut first = String::new();
         BufReader::new(child.stdout.take().unwrap()).read_line(&mut first).unwrap();
         let Some(url) = first.trim().strip_prefix("listening on ") else {
-            panic!("it does not serve: {first:?}\n{}", fs::read_to_string(self.path().join("log")).unwrap());
+            panic!("it does not serve: {first:?}\n{}", self.log());
         };
         Process { url: url.to_owned(), child, client: reqwest::Client::new() }
     }
@@ -98,13 +135,23 @@ impl Process {
         self.child.wait().unwrap();
     }
 
+    /// Panics unless it died at a fail point, or does so now.
+    pub(crate) fn expect_death(&mut self, home: &Home) {
+        assert_eq!(self.child.wait().unwrap().signal(), Some(SIGABRT), "{}", home.log());
+    }
+
     pub(crate) fn request(&self, method: Method, path: &str) -> RequestBuilder {
         self.client.request(method, format!("{}{path}", self.url))
     }
 
     pub(crate) async fn send(&self, request: RequestBuilder) -> Reply {
-        let response = request.send().await.unwrap();
-        Reply { status: response.status().as_u16(), text: response.text().await.unwrap() }
+        self.try_send(request).await.unwrap()
+    }
+
+    /// The reply, unless the process dies before it is whole.
+    pub(crate) async fn try_send(&self, request: RequestBuilder) -> reqwest::Result<Reply> {
+        let response = request.send().await?;
+        Ok(Reply { status: response.status().as_u16(), text: response.text().await? })
     }
 
     pub(crate) async fn get(&self, path: &str) -> Value {

@@ -14,7 +14,7 @@ pub(crate) struct Remains {
 }
 
 /// What may never be: each query finds nothing.
-const NEVER: [(&str, &str); 17] = [
+const NEVER: [(&str, &str); 18] = [
     ("a broken reference", "select * from pragma_foreign_key_check"),
     ("a damaged page", "select * from pragma_integrity_check where integrity_check <> 'ok'"),
     (
@@ -61,8 +61,10 @@ const NEVER: [(&str, &str); 17] = [
     (
         "a version without its weights",
         "select * from version v where not exists
-        (select 1 from weights w where w.model_id = v.model_id and w.version = v.version)",
+        (select 1 from weights w where w.model_id = v.model_id and w.version = v.version) and not exists
+        (select 1 from pruned p where p.model_id = v.model_id and p.version = v.version)",
     ),
+    ("a pruned version with weights", "select * from pruned join weights using (model_id, version)"),
     (
         "a version without its evaluation",
         "select * from version v where not exists

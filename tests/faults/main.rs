@@ -1,7 +1,7 @@
 //! The real binary, killed with SIGKILL at moments drawn from a seed, and started again on the same database.
 //!
 //! `HEADWAY_KILL_SEED` chooses the moments and `HEADWAY_KILLS` says how many each test has:
-//! `HEADWAY_KILLS=1000 HEADWAY_KILL_SEED=7 cargo test --release --test kill`.
+//! `HEADWAY_KILLS=1000 HEADWAY_KILL_SEED=7 cargo test --release --test faults`.
 
 #![allow(clippy::unwrap_used, reason = "what a test expects, said in the shortest way")]
 #![allow(clippy::print_stdout, reason = "a test tells its seed and what it measured")]
@@ -10,8 +10,14 @@
 #[path = "../support/process.rs"]
 mod process;
 
+/// No room on the disk.
+mod full;
+/// A life in which everything happens that changes a database.
+mod life;
 /// Which moments.
 mod plan;
+/// Killed before and after every commit.
+mod points;
 /// What a dead process left on the disk.
 mod remains;
 /// Events to upload.
@@ -27,6 +33,8 @@ mod replaying;
 mod starting;
 /// Killed while a task learns.
 mod training;
+/// A disk that forgets what was not synced.
+mod unsynced;
 /// Killed while events come in.
 mod uploads;
 
