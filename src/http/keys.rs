@@ -100,14 +100,10 @@ fn refusal(defect: &KeyDefect) -> Problem {
     Code::InvalidBody.because(defect.to_string()).with_error(error)
 }
 
-/// Commits, and lets the change hold. Both happen even when the client goes away meanwhile and its request is dropped.
-async fn settle(app: &Arc<AppState>, transaction: WriteTransaction) -> Result<(), Problem> {
-    let app = Arc::clone(app);
-    let settled = tokio::spawn(async move {
-        transaction.commit().await?;
-        app.gate.refresh(&app.store).await.map_err(Problem::from)
-    });
-    settled.await.map_err(Problem::internal)?
+/// Commits, and lets the change hold.
+async fn settle(app: &AppState, transaction: WriteTransaction) -> Result<(), Problem> {
+    transaction.commit().await?;
+    Ok(app.gate.refresh(&app.store).await?)
 }
 
 /// `GET /v1/keys`

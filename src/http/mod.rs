@@ -67,6 +67,8 @@ pub mod tally;
 mod tasks;
 /// Encrypted connections.
 mod tls;
+/// Requests that are answered whoever still listens.
+mod to_the_end;
 /// What tasks made.
 mod versions;
 
@@ -76,7 +78,7 @@ use std::sync::Arc;
 use axum::Router;
 use axum::extract::DefaultBodyLimit;
 use axum::http::{Method, Uri};
-use axum::middleware::from_fn_with_state;
+use axum::middleware::{from_fn, from_fn_with_state};
 use axum::response::IntoResponse;
 use tokio::sync::{Semaphore, watch};
 use tower_http::catch_panic::CatchPanicLayer;
@@ -101,6 +103,7 @@ use crate::store::backup::BackupSettings;
 use crate::telemetry::Metrics;
 use problem::Problem;
 use route::{Route, at};
+use to_the_end::to_the_end;
 
 /// What every handler may use.
 #[derive(Debug)]
@@ -203,6 +206,7 @@ fn router(app: Arc<AppState>) -> Router {
     let router = router
         .fallback(async |uri: Uri| Code::NotFound.because(format!("{} is not a path of this server", uri.path())))
         .method_not_allowed_fallback(async |method: Method| Code::MethodNotAllowed.because(format!("{method} is none")))
+        .layer(from_fn(to_the_end))
         .layer(CatchPanicLayer::custom(|payload: Box<dyn Any + Send>| panicked(&*payload).into_response()))
         .layer(from_fn_with_state(around, context::observe))
         // Bodies are bounded where they are read: JSON and uploads have limits of their own.

@@ -12,6 +12,8 @@ mod process;
 
 /// No room on the disk.
 mod full;
+/// Clients that go away.
+mod leaving;
 /// A life in which everything happens that changes a database.
 mod life;
 /// Which moments.

@@ -11,10 +11,10 @@ use crate::remains::Remains;
 use crate::traffic::lines;
 use crate::wire::Wire;
 
-const MODEL: &str = "/v1/models/default";
+pub(crate) const MODEL: &str = "/v1/models/default";
 
 /// A server with three versions, the third live; paused, so that tasks wait.
-async fn with_versions(home: &Home) -> Process {
+pub(crate) async fn with_versions(home: &Home) -> Process {
     let process = home.start();
     for regime in TrafficRegime::ALL {
         let path = format!("{MODEL}/batches?regime={}", regime.as_str());
@@ -28,7 +28,7 @@ async fn with_versions(home: &Home) -> Process {
 }
 
 /// What each version predicts, and at last what the live one does.
-async fn predictions(process: &Process) -> (Vec<Value>, Value) {
+pub(crate) async fn predictions(process: &Process) -> (Vec<Value>, Value) {
     let window = json!({"follower_speed_mps": [9, 9, 9, 9, 9], "leader_speed_mps": [8, 8, 8, 8, 8],
         "spacing_m": [14, 13.9, 13.8, 13.7, 13.6]});
     let mut named = Vec::new();
