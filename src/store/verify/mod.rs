@@ -53,7 +53,7 @@ pub struct Verification {
     pub schema: i64,
     /// Every check, in order.
     pub checks: Vec<Checked>,
-    /// What is wrong, the first [`LISTED`] of them.
+    /// What is wrong, the first thousand of them.
     pub faults: Vec<Fault>,
 }
 
