@@ -10,6 +10,8 @@ pub struct FormatLimits {
     pub max_decompressed_bytes: u64,
     /// Most bytes of one event (of one row in tabular bodies), as text.
     pub max_event_bytes: u64,
+    /// Most bytes a page of a Parquet file may decompress to: one of each column is in memory.
+    pub max_page_bytes: u64,
     /// Most steps of one event.
     pub max_steps: u32,
     /// Most events of one body, rejected ones included.
@@ -23,6 +25,7 @@ impl Default for FormatLimits {
         Self {
             max_decompressed_bytes: 8 << 30,
             max_event_bytes: 16 << 20,
+            max_page_bytes: 64 << 20,
             max_steps: 6000,
             max_events: 500_000,
             max_text_bytes: 512,
@@ -44,6 +47,7 @@ impl FormatLimits {
         for (name, value) in [
             ("max_decompressed_bytes", self.max_decompressed_bytes),
             ("max_event_bytes", self.max_event_bytes),
+            ("max_page_bytes", self.max_page_bytes),
             ("max_steps", self.max_steps.into()),
             ("max_events", self.max_events.into()),
             ("max_text_bytes", self.max_text_bytes.into()),

@@ -26,6 +26,7 @@ mod ndjson;
 /// Where decoded events go.
 mod output;
 /// Parquet: one step a row.
+mod pages;
 mod parquet;
 /// A decoded event, and where it was.
 mod raw;

@@ -12,7 +12,7 @@ use super::cells::{Column, check};
 use super::columns::{Preset, Role};
 use super::output::Output;
 use super::rows::Rows;
-use super::{FormatError, FormatLimits};
+use super::{FormatError, FormatLimits, pages};
 use crate::lineage::Place;
 
 /// Rows read at once from each column.
@@ -28,6 +28,7 @@ pub(super) fn decode(
 ) -> Result<(), FormatError> {
     whole(&mut file)?;
     let length = file.metadata().map_err(FormatError::Io)?.len();
+    let look = file.try_clone().map_err(FormatError::Io)?;
     let reader = guarded(|| SerializedFileReader::new(Bounded { file, length }))?;
     let schema = reader.metadata().file_metadata().schema_descr_ptr();
     let paths: Vec<_> = schema.columns().iter().map(|column| column.path().string()).collect();
@@ -43,6 +44,8 @@ pub(super) fn decode(
         let group = guarded(|| reader.get_row_group(index))?;
         let mut columns = Vec::with_capacity(wanted.len());
         for &i in &wanted {
+            let (start, length) = guarded(|| Ok(group.metadata().column(i).byte_range()))?;
+            pages::bounded(&look, start, length, limits)?;
             let column = guarded(|| group.get_column_reader(i))?;
             columns.push(Column::new(column, &schema.columns()[i], roles[i]));
         }
