@@ -4,6 +4,8 @@ use std::borrow::Cow;
 use std::collections::HashSet;
 use std::rc::Rc;
 
+use sha2::{Digest, Sha256};
+
 use super::FormatError;
 use super::columns::Role;
 use super::draft::{Draft, shortened};
@@ -45,7 +47,8 @@ pub(super) struct Rows {
     roles: Rc<[Role]>,
     id_column: usize,
     current: Option<Current>,
-    ended: HashSet<String>,
+    /// Digests of the ids of events that have ended, since ids may be long and many.
+    ended: HashSet<[u8; 16]>,
 }
 
 struct Current {
@@ -105,7 +108,7 @@ impl Rows {
         let id = text_of(id);
         if self.current.as_ref().is_none_or(|current| current.id != id) {
             self.flush(output)?;
-            if self.ended.contains(id.as_ref()) {
+            if !self.ended.is_empty() && self.ended.contains(&digest(&id)) {
                 let detail = format!("rows of event {:?} are not together", shortened(&id));
                 return Err(FormatError::invalid(Place::Row(number), "rows_apart", detail));
             }
@@ -132,7 +135,7 @@ impl Rows {
         let Some(current) = self.current.take() else { return Ok(()) };
         output.put(current.draft, Origin::Row(current.first_row))?;
         if !current.id.is_empty() {
-            self.ended.insert(current.id);
+            self.ended.insert(digest(&current.id));
         }
         Ok(())
     }
@@ -221,6 +224,11 @@ impl Current {
             _ => None,
         }
     }
+}
+
+fn digest(id: &str) -> [u8; 16] {
+    let whole: [u8; 32] = Sha256::digest(id.as_bytes()).into();
+    *whole.first_chunk().expect("32 bytes")
 }
 
 fn text_of(cell: Cell<'_>) -> Cow<'_, str> {
