@@ -38,6 +38,7 @@ mod models;
 mod numbers;
 /// JSON objects, where no array will do.
 mod object;
+mod once;
 /// Names and ids in paths.
 mod path;
 /// How long a connection is waited for.

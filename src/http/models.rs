@@ -15,6 +15,7 @@ use super::etag::etag;
 use super::gate::Caller;
 use super::idempotency::Repeatable;
 use super::object::Object;
+use super::once::Once;
 use super::path::ModelAt;
 use super::problem::{Code, Problem};
 use super::query::Page;
@@ -29,7 +30,7 @@ pub(super) struct NewModel {
     model: ModelName,
     method: Method,
     #[serde(default)]
-    settings: Value,
+    settings: Once,
     from: Option<Object<Origin>>,
 }
 
@@ -71,7 +72,7 @@ pub(super) async fn create(
     if new.from.is_some() {
         return Err(Code::NotAvailable.because("forking a model from a version (from) comes with a later release"));
     }
-    let settings = app.model_defaults.overridden(&new.settings)?;
+    let settings = app.model_defaults.overridden(&new.settings.0)?;
     settings.check_for(new.method)?;
     let mut tx = app.store.begin_for(&by).await?;
     let Some(model) = model::create(&mut tx, &new.model, new.method, &settings).await? else {
