@@ -13,9 +13,16 @@ mod process;
 
 use std::fmt::Write as _;
 use std::io::Write as _;
+use std::sync::Arc;
 
 use flate2::Compression;
 use flate2::write::GzEncoder;
+use parquet::basic::ZstdLevel;
+use parquet::column::writer::ColumnWriter;
+use parquet::data_type::DoubleType;
+use parquet::file::properties::WriterProperties;
+use parquet::file::writer::SerializedFileWriter;
+use parquet::schema::parser::parse_message_type;
 use process::{Home, Process};
 use reqwest::{Body, Method};
 use serde_json::{Value, json};
@@ -145,4 +152,60 @@ async fn a_long_upload_takes_no_more_memory_than_a_short_one() {
     );
     let limit = if promised.is_some() { 128 * MIB } else { bytes / 3 };
     assert!(uploaded - idle < limit, "a body of {bytes} bytes is held");
+}
+
+#[tokio::test]
+async fn a_small_body_that_grows_does_not_take_memory_as_it_grows() {
+    let home = Home::new(&["model.schedule=manual", "log.filter=warn", "ingest.limits.max_page_bytes=1000000"]);
+    let process = home.start();
+    let Some(idle) = peak(&process) else { return };
+    let send = async |kind: &str, encoding: &str, body: Vec<u8>| {
+        let request = process.request(Method::POST, &format!("{BATCHES}&dt_s=0.1")).header("content-type", kind);
+        let reply = process.send(request.header("content-encoding", encoding).body(body)).await;
+        (reply.status, peak(&process).unwrap() - idle)
+    };
+    // Events of one row with ids of a megabyte, which are not kept, but were to tell whether one comes again.
+    let mut ids = zstd::Encoder::new(Vec::new(), 3).unwrap();
+    ids.write_all(b"event_id,spacing_m,follower_speed_mps,leader_speed_mps\n").unwrap();
+    for number in 0..200 {
+        ids.write_all(format!("{number}{},9,1,1\n", "x".repeat(1_000_000)).as_bytes()).unwrap();
+    }
+    let (status, grown) = send("text/csv", "zstd", ids.finish().unwrap()).await;
+    println!("200 MB of ids: {} MiB", grown / MIB);
+    assert_eq!(status, 422);
+    assert!(grown < 24 * MIB, "{} MiB for 200 MB of ids", grown / MIB);
+    let body = one_page_a_column(2_000_000);
+    let told = format!("{} bytes of Parquet with pages of 16 MB", body.len());
+    let (status, grown) = send("application/vnd.apache.parquet", "identity", body).await;
+    println!("{told}: {} MiB", grown / MIB);
+    assert_eq!(status, 413);
+    assert!(grown < 24 * MIB, "{} MiB for {told}", grown / MIB);
+    process.get("/readyz").await;
+}
+
+/// A Parquet file of so many zeros in each column, in one page.
+fn one_page_a_column(rows: usize) -> Vec<u8> {
+    let schema = "message rows { required int64 event_id; required double spacing_m; \
+                  required double follower_speed_mps; required double leader_speed_mps; }";
+    let schema = Arc::new(parse_message_type(schema).unwrap());
+    let properties = WriterProperties::builder()
+        .set_compression(parquet::basic::Compression::ZSTD(ZstdLevel::default()))
+        .set_dictionary_enabled(false)
+        .set_data_page_size_limit(usize::MAX)
+        .set_data_page_row_count_limit(usize::MAX)
+        .build();
+    let mut bytes = Vec::new();
+    let mut writer = SerializedFileWriter::new(&mut bytes, schema, Arc::new(properties)).unwrap();
+    let mut group = writer.next_row_group().unwrap();
+    while let Some(mut column) = group.next_column().unwrap() {
+        if let ColumnWriter::Int64ColumnWriter(ids) = column.untyped() {
+            ids.write_batch(&vec![0; rows], None, None).unwrap();
+        } else {
+            column.typed::<DoubleType>().write_batch(&vec![0.0; rows], None, None).unwrap();
+        }
+        column.close().unwrap();
+    }
+    group.close().unwrap();
+    writer.close().unwrap();
+    bytes
 }

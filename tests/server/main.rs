@@ -23,6 +23,12 @@ mod corruption;
 mod erase;
 /// Versions and reference drivers on events that are not kept.
 mod evaluate;
+/// Bodies that mean harm.
+mod hostile;
+/// Bytes that are mistaken, at random.
+mod hostile_bytes;
+/// Requests that are none.
+mod hostile_wire;
 /// Keys that are sent again.
 mod idempotency;
 /// Keys: making, listing, revoking.

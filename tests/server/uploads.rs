@@ -15,7 +15,7 @@ use crate::support::server::{Answer, Server};
 
 const PATH: &str = "/v1/models/default/batches";
 
-async fn send(server: &Server, options: &str, kind: &str, encoding: Option<&str>, body: Vec<u8>) -> Answer {
+pub(crate) async fn send(server: &Server, options: &str, kind: &str, encoding: Option<&str>, body: Vec<u8>) -> Answer {
     let mut request = server.request(Method::POST, &format!("{PATH}{options}")).header("content-type", kind);
     if let Some(encoding) = encoding {
         request = request.header("content-encoding", encoding);
@@ -23,7 +23,7 @@ async fn send(server: &Server, options: &str, kind: &str, encoding: Option<&str>
     server.send(request.body(body)).await
 }
 
-fn ndjson(events: &[Value]) -> Vec<u8> {
+pub(crate) fn ndjson(events: &[Value]) -> Vec<u8> {
     events.iter().flat_map(|event| format!("{event}\n").into_bytes()).collect()
 }
 
@@ -46,7 +46,7 @@ pub(crate) fn follownet_csv(events: &[Value]) -> Vec<u8> {
     text.into_bytes()
 }
 
-fn parquet(events: &[Value]) -> Vec<u8> {
+pub(crate) fn parquet(events: &[Value]) -> Vec<u8> {
     let schema = "message rows { required binary event_id (utf8); required double spacing_m; \
                   required double follower_speed_mps; required double leader_speed_mps; }";
     let schema = Arc::new(parse_message_type(schema).unwrap());
@@ -72,7 +72,7 @@ fn parquet(events: &[Value]) -> Vec<u8> {
     bytes
 }
 
-fn gzip(body: &[u8]) -> Vec<u8> {
+pub(crate) fn gzip(body: &[u8]) -> Vec<u8> {
     let mut encoder = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::fast());
     encoder.write_all(body).unwrap();
     encoder.finish().unwrap()
