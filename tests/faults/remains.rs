@@ -1,6 +1,6 @@
 use std::fs;
 
-use sha2::{Digest, Sha256};
+use headway::store::verify::verify;
 use sqlx::sqlite::SqliteConnectOptions;
 use sqlx::{AssertSqlSafe, ConnectOptions, Connection, Row, SqliteConnection, query};
 use tempfile::TempDir;
@@ -10,7 +10,7 @@ use crate::process::Home;
 /// A copy of the database as a dead process left it, so that looking at it mends nothing.
 pub(crate) struct Remains {
     connection: SqliteConnection,
-    _copy: TempDir,
+    copy: TempDir,
 }
 
 /// What may never be: each query finds nothing.
@@ -111,7 +111,7 @@ impl Remains {
             }
         }
         let options = SqliteConnectOptions::new().filename(copy.path().join("headway.db"));
-        Self { connection: options.connect().await.unwrap(), _copy: copy }
+        Self { connection: options.connect().await.unwrap(), copy }
     }
 
     /// Panics with what is wrong.
@@ -120,13 +120,8 @@ impl Remains {
             let found = query(statement).fetch_all(&mut self.connection).await.unwrap();
             assert!(found.is_empty(), "{what}, {} times", found.len());
         }
-        let rows = query("select w.weights, v.weights_sha256 from weights w join version v using (model_id, version)")
-            .fetch_all(&mut self.connection)
-            .await
-            .unwrap();
-        for row in rows {
-            assert_eq!(Sha256::digest(row.get::<&[u8], _>(0))[..], *row.get::<&[u8], _>(1));
-        }
+        let found = verify(&self.copy.path().join("headway.db"), &|_| ()).await.unwrap();
+        assert!(found.is_sound(), "{:?}", found.faults);
     }
 
     pub(crate) async fn count(&mut self, table: &str) -> usize {
