@@ -26,7 +26,12 @@ async fn exchange(server: &Server, bytes: &[u8], over: bool) -> String {
     let read = async { reading.read_to_end(&mut said).await.map(|_| ()) };
     let ((), read) = timeout(LONG, async { tokio::join!(write, read) }).await.expect("the server hangs up");
     let said = String::from_utf8(said).unwrap();
-    assert!(read.is_ok(), "{read:?} after {said:?} to {}", String::from_utf8_lossy(&bytes[..bytes.len().min(200)]));
+    // A connection that is closed on who is still sending is torn up; what was said before is there all the same.
+    assert!(
+        read.is_ok() || !said.is_empty(),
+        "{read:?} to {}",
+        String::from_utf8_lossy(&bytes[..bytes.len().min(200)])
+    );
     said
 }
 
