@@ -35,7 +35,7 @@ def main():
     cli = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     cli.add_argument("--events", type=int, default=5000)
     cli.add_argument("--steps", type=int, default=200)
-    cli.add_argument("--kills", type=int, default=10)
+    cli.add_argument("--kills", type=int, default=3, help="more from one checkpoint would end the task (training.max_crashes)")
     cli.add_argument("--binary", default="target/release/headway")
     args = cli.parse_args()
     with tempfile.TemporaryDirectory() as folder:
