@@ -4,12 +4,11 @@ use serde::Serialize;
 
 use super::error::JobError;
 use super::stage::Stage;
-use crate::driver::Scaling;
 use crate::lineage::Strength;
 use crate::lstm::kernel_name;
 use crate::store::version::weights_sha256;
 use crate::store::{Store, StoreError};
-use crate::training::{Interim, Observer, Progress, learn_stage};
+use crate::training::{Observer, Progress, learn_stage};
 
 /// What came of it.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
@@ -102,13 +101,4 @@ impl Observer for Told<'_> {
         (self.0)(progress.share());
         true
     }
-    fn weights(&mut self, _: &Progress, _: &Scaling, _: &[f32]) {}
-    fn evaluated(&mut self, _: &Interim) {}
-    fn wants_stop(&mut self) -> bool {
-        false
-    }
-    fn wants_checkpoint(&mut self) -> bool {
-        false
-    }
-    fn checkpoint(&mut self, _: &Progress, _: Vec<u8>) {}
 }

@@ -39,7 +39,7 @@ pub struct Interim {
     pub errors: Errors,
 }
 
-/// What a stage tells while it runs, on the thread that called it.
+/// What a stage tells while it runs, on the thread that called it. Who does not care is not asked to stop anything.
 pub trait Observer {
     /// After every update. `false` stops the stage with [`LearnError::Stopped`](super::LearnError::Stopped).
     fn updated(&mut self, progress: &Progress) -> bool;
@@ -47,13 +47,17 @@ pub trait Observer {
     /// such weights are never served.
     fn weights(&mut self, _progress: &Progress, _scaling: &Scaling, _weights: &[f32]) {}
     /// After every epoch, when there are validation events; and when a stage is resumed, what it told last.
-    fn evaluated(&mut self, interim: &Interim);
+    fn evaluated(&mut self, _interim: &Interim) {}
     /// Asked on the way through the validation events; `true` stops the stage as [`Self::updated`] does.
-    fn wants_stop(&mut self) -> bool;
+    fn wants_stop(&mut self) -> bool {
+        false
+    }
     /// Asked after every update: whether to be given a checkpoint now.
-    fn wants_checkpoint(&mut self) -> bool;
+    fn wants_checkpoint(&mut self) -> bool {
+        false
+    }
     /// The checkpoint: opaque bytes for `resume`. Also given when the stage is stopped.
-    fn checkpoint(&mut self, progress: &Progress, state: Vec<u8>);
+    fn checkpoint(&mut self, _progress: &Progress, _state: Vec<u8>) {}
 }
 
 /// Lets a stage run through, and looks at nothing.
@@ -64,12 +68,4 @@ impl Observer for Unwatched {
     fn updated(&mut self, _: &Progress) -> bool {
         true
     }
-    fn evaluated(&mut self, _: &Interim) {}
-    fn wants_stop(&mut self) -> bool {
-        false
-    }
-    fn wants_checkpoint(&mut self) -> bool {
-        false
-    }
-    fn checkpoint(&mut self, _: &Progress, _: Vec<u8>) {}
 }
