@@ -3,19 +3,11 @@ use serde_json::json;
 use super::*;
 use crate::consolidation::Method;
 use crate::lineage::{ModelName, ModelSettings};
+use crate::store::fixture::settings;
 use crate::store::{StoreSettings, model};
 
 async fn open(directory: &tempfile::TempDir, audit_entries: u32) -> Store {
-    let settings = StoreSettings {
-        path: directory.path().join("headway.db"),
-        readers: 1,
-        busy_timeout_s: 5.0,
-        writer_wait_s: 5.0,
-        statement_cache: 16,
-        backup_before_migration: true,
-        audit_entries,
-    };
-    Store::open(&settings).await.unwrap()
+    Store::open(&StoreSettings { audit_entries, ..settings(directory) }).await.unwrap()
 }
 
 fn somebody() -> Actor {

@@ -14,6 +14,19 @@ pub(crate) fn now() -> Timestamp {
     "2026-01-01T00:00:00Z".parse().unwrap()
 }
 
+/// Of a database in this directory.
+pub(crate) fn settings(directory: &tempfile::TempDir) -> StoreSettings {
+    StoreSettings {
+        path: directory.path().join("headway.db"),
+        readers: 2,
+        busy_timeout_s: 5.0,
+        writer_wait_s: 5.0,
+        statement_cache: 64,
+        audit_entries: 1000,
+        backup_before_migration: true,
+    }
+}
+
 /// A store and the directory it lives in.
 pub(crate) struct Fixture {
     pub(crate) store: std::sync::Arc<Store>,
@@ -33,27 +46,15 @@ impl Fixture {
 
     /// In a directory that may hold a database already.
     pub(crate) async fn within(directory: tempfile::TempDir) -> Self {
-        let store = std::sync::Arc::new(Store::open(&Self::settings(&directory)).await.unwrap());
+        let store = std::sync::Arc::new(Store::open(&settings(&directory)).await.unwrap());
         Self { store, directory }
-    }
-
-    fn settings(directory: &tempfile::TempDir) -> StoreSettings {
-        StoreSettings {
-            path: directory.path().join("headway.db"),
-            readers: 2,
-            busy_timeout_s: 5.0,
-            writer_wait_s: 5.0,
-            statement_cache: 64,
-            audit_entries: 1000,
-            backup_before_migration: true,
-        }
     }
 
     /// The same database, opened anew.
     pub(crate) async fn reopened(self) -> Self {
         self.store.close().await;
         drop(self.store);
-        let store = std::sync::Arc::new(Store::open(&Self::settings(&self.directory)).await.unwrap());
+        let store = std::sync::Arc::new(Store::open(&settings(&self.directory)).await.unwrap());
         Self { store, directory: self.directory }
     }
 

@@ -4,19 +4,11 @@ use tempfile::TempDir;
 
 use super::*;
 use crate::access::Scopes;
-use crate::store::{Store, StoreSettings};
+use crate::store::Store;
+use crate::store::fixture::settings;
 
 async fn open(directory: &TempDir) -> Store {
-    let settings = StoreSettings {
-        path: directory.path().join("headway.db"),
-        readers: 1,
-        busy_timeout_s: 5.0,
-        writer_wait_s: 5.0,
-        statement_cache: 16,
-        backup_before_migration: true,
-        audit_entries: 1000,
-    };
-    Store::open(&settings).await.unwrap()
+    Store::open(&settings(directory)).await.unwrap()
 }
 
 fn wish(scope: Scope) -> KeyWish {

@@ -171,19 +171,10 @@ fn model_from_row(row: &SqliteRow) -> Result<Model, StoreError> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::store::StoreSettings;
+    use crate::store::fixture::settings;
 
     async fn open(directory: &tempfile::TempDir) -> Store {
-        let settings = StoreSettings {
-            path: directory.path().join("headway.db"),
-            readers: 2,
-            busy_timeout_s: 5.0,
-            writer_wait_s: 5.0,
-            statement_cache: 16,
-            audit_entries: 1000,
-            backup_before_migration: true,
-        };
-        Store::open(&settings).await.unwrap()
+        Store::open(&settings(directory)).await.unwrap()
     }
 
     #[tokio::test]
