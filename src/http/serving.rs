@@ -68,8 +68,8 @@ pub(super) async fn promote(
     if let Some(answer) = request.recall(request_sha256).await? {
         return Ok(answer);
     }
-    let wish = wish(Some(value.version), &value.reason, &by.name, value.force)?;
-    let (tx, moved, answer) = make_move(&app, Direction::Promote, &model, &headers, (&wish, &by)).await?;
+    let wish = wish(Some(value.version), &value.reason, value.force)?;
+    let (tx, moved, answer) = make_move(&app, Direction::Promote, &model, &headers, &wish, &by).await?;
     finish(&app, &model, tx, &request, request_sha256, &moved, &answer).await?;
     Ok(answer)
 }
@@ -86,19 +86,19 @@ pub(super) async fn rollback(
     if let Some(answer) = request.recall(request_sha256).await? {
         return Ok(answer);
     }
-    let wish = wish(value.version, &value.reason, &by.name, value.force)?;
-    let (tx, moved, answer) = make_move(&app, Direction::Rollback, &model, &headers, (&wish, &by)).await?;
+    let wish = wish(value.version, &value.reason, value.force)?;
+    let (tx, moved, answer) = make_move(&app, Direction::Rollback, &model, &headers, &wish, &by).await?;
     finish(&app, &model, tx, &request, request_sha256, &moved, &answer).await?;
     Ok(answer)
 }
 
-fn wish<'a>(version: Option<i64>, reason: &'a str, actor: &'a str, force: bool) -> Result<MoveRequest<'a>, Problem> {
+fn wish(version: Option<i64>, reason: &str, force: bool) -> Result<MoveRequest<'_>, Problem> {
     if !(1..=MAX_REASON_BYTES).contains(&reason.len()) {
         let detail = format!("1 to {MAX_REASON_BYTES} bytes");
         let error = InputError::at("/reason", "out_of_range", detail);
         return Err(Code::InvalidBody.because("a reason is needed for the history").with_error(error));
     }
-    Ok(MoveRequest { version, reason, actor, force })
+    Ok(MoveRequest { version, reason, force })
 }
 
 async fn make_move(
@@ -106,7 +106,8 @@ async fn make_move(
     direction: Direction,
     model: &Model,
     headers: &HeaderMap,
-    (wish, by): (&MoveRequest<'_>, &Actor),
+    wish: &MoveRequest<'_>,
+    by: &Actor,
 ) -> Result<(WriteTransaction, Moved, Answer), Problem> {
     refuse_corrupt(app, model, direction, wish).await?;
     let mut tx = app.store.begin_for(by).await?;

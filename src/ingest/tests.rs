@@ -171,7 +171,7 @@ async fn copies_are_told_from_new_events_and_from_retracted_ones_wherever_they_s
     let model_id = model(&fixture).await;
     let first = stored(&fixture, model_id, lines(0..150)).await;
     let mut transaction = fixture.store.begin().await.unwrap();
-    retract(&mut transaction, model_id, first.batch_id, "tester", now()).await.unwrap();
+    retract(&mut transaction, model_id, first.batch_id, now()).await.unwrap();
     transaction.commit().await.unwrap();
     stored(&fixture, model_id, lines(0..100)).await;
     // Known, new, retracted, and a copy of each beside it or far from it: fewer, as many and more than are stored at once.

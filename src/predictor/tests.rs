@@ -73,7 +73,7 @@ pub(super) fn window(follower: f32, spacing: f32) -> Window {
 }
 
 async fn promoted(fixture: &Fixture, model_id: i64, version: i64) {
-    let request = MoveRequest { version: Some(version), reason: "r", actor: "a", force: false };
+    let request = MoveRequest { version: Some(version), reason: "r", force: false };
     let mut transaction = fixture.store.begin().await.unwrap();
     promote(&mut transaction, model_id, &request, now()).await.unwrap().unwrap();
     transaction.commit().await.unwrap();

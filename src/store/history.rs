@@ -69,16 +69,19 @@ pub(super) struct Change<'a> {
     pub(super) before: &'a Pointers,
     pub(super) after: &'a Pointers,
     pub(super) reason: &'a str,
-    pub(super) actor: &'a str,
     pub(super) report: Option<&'a ReplayReport>,
 }
 
-/// Writes an entry and gives its id.
+/// Writes an entry and gives its id. What the policy decides is its own; the rest is whose the transaction is.
 pub(super) async fn write(
     transaction: &mut WriteTransaction,
     change: &Change<'_>,
     now: Timestamp,
 ) -> Result<i64, StoreError> {
+    let actor = match change.action {
+        Action::Policy | Action::Replay => "policy".to_owned(),
+        Action::Promote | Action::Rollback | Action::Retract => transaction.actor(),
+    };
     let row = query(
         "insert into history (model_id, at, action, from_live, live, from_head, head, reason, actor, report)
          values (?, ?, ?, ?, ?, ?, ?, ?, ?, ?) returning history_id",
@@ -91,7 +94,7 @@ pub(super) async fn write(
     .bind(change.before.head)
     .bind(change.after.head)
     .bind(change.reason)
-    .bind(change.actor)
+    .bind(actor)
     .bind(change.report.map(|report| serde_json::to_string(report).expect("a report is plain data")))
     .fetch_one(&mut **transaction)
     .await?;

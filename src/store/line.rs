@@ -10,8 +10,9 @@ use crate::consolidation::RegimeMemory;
 use crate::lineage::{RegimeEvaluation, ServedMeasures, TestMeasures};
 
 /// A statement that sees `line (version, parent, task_id, regime)`: the version of model ?1 that `$first` names, and its
-/// parents; a corrupt row that names itself or a younger version ends it. Further tables may follow it after a comma. What is joined to it is to be cross joined: of the length of a line
-/// the planner knows nothing, and would rather read the ledgers of all tasks than look up those of the line's.
+/// parents; a corrupt row that names itself or a younger version ends it. Further tables may follow it after a comma.
+/// What is joined to it is to be cross joined: of the length of a line the planner knows nothing, and would rather read the
+/// ledgers of all tasks than look up those of the line's.
 macro_rules! with_line {
     ($first:literal, $statement:literal) => {
         concat!(
@@ -159,6 +160,7 @@ mod tests {
     use super::*;
     use crate::lineage::TaskKind;
     use crate::store::StoreSettings;
+    use crate::store::fixture::settings;
     use crate::store::history::Action;
     use crate::store::retract::{Retracted, retract};
 
@@ -199,16 +201,7 @@ mod tests {
         }
         query("update model set live_version = 1, head_version = 1").execute(&pool).await.unwrap();
         pool.close().await;
-        let settings = StoreSettings {
-            path,
-            readers: 1,
-            busy_timeout_s: 5.0,
-            writer_wait_s: 5.0,
-            statement_cache: 16,
-            audit_entries: 1000,
-            backup_before_migration: false,
-        };
-        Store::open(&settings).await.unwrap()
+        Store::open(&StoreSettings { backup_before_migration: false, ..settings(directory) }).await.unwrap()
     }
 
     #[tokio::test]
@@ -229,7 +222,7 @@ mod tests {
         let before = store.history(1, 0, 10).await.unwrap();
         assert_eq!((before.len(), before[0].action, &before[0].report), (1, Action::Policy, &None));
         let mut transaction = store.begin().await.unwrap();
-        let retracted = retract(&mut transaction, 1, 1, "tester", Timestamp::now()).await.unwrap();
+        let retracted = retract(&mut transaction, 1, 1, Timestamp::now()).await.unwrap();
         assert_eq!(retracted, Retracted::Replaying { task_id: 2, stopped: Vec::new() });
         transaction.commit().await.unwrap();
         let after = store.history(1, 0, 10).await.unwrap();

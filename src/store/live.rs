@@ -14,8 +14,6 @@ pub struct MoveRequest<'a> {
     pub version: Option<i64>,
     /// Why.
     pub reason: &'a str,
-    /// Who.
-    pub actor: &'a str,
     /// Also to a version that learned what was retracted later.
     pub force: bool,
 }
@@ -68,9 +66,6 @@ pub async fn promote(
     transaction.is_for(Purpose::Promoted);
     let before = pointers::read(transaction, model_id).await?;
     let target = match target(transaction, model_id, &before, request).await? {
-        Ok(target) if !request.force && taint::is_tainted(transaction, model_id, target).await? => {
-            return Ok(Err(MoveRefused::Tainted(target)));
-        }
         Ok(target) => target,
         Err(refused) => return Ok(Err(refused)),
     };
@@ -93,9 +88,6 @@ pub async fn rollback(
     transaction.is_for(Purpose::RolledBack);
     let before = pointers::read(transaction, model_id).await?;
     let target = match target(transaction, model_id, &before, request).await? {
-        Ok(target) if !request.force && taint::is_tainted(transaction, model_id, target).await? => {
-            return Ok(Err(MoveRefused::Tainted(target)));
-        }
         Ok(target) => target,
         Err(refused) => return Ok(Err(refused)),
     };
@@ -114,20 +106,36 @@ pub async fn rollback(
     Ok(Ok(Moved { live: after.live, head: after.head, from: before.live, history_id, cancelled }))
 }
 
+/// Where to, when that may be.
 async fn target(
     transaction: &mut WriteTransaction,
     model_id: i64,
     before: &Pointers,
     request: &MoveRequest<'_>,
 ) -> Result<Result<i64, MoveRefused>, StoreError> {
-    if let Some(named) = request.version {
-        let known = version::exists(transaction, model_id, named).await?;
-        return Ok(match known {
-            false => Err(MoveRefused::UnknownVersion(named)),
-            true if prune::is_pruned(transaction, model_id, named).await? => Err(MoveRefused::Pruned(named)),
-            true => Ok(named),
-        });
-    }
+    let target = match request.version {
+        Some(named) => named,
+        None => match parent_of_live(transaction, model_id, before).await? {
+            Ok(parent) => parent,
+            refused => return Ok(refused),
+        },
+    };
+    Ok(if !version::exists(transaction, model_id, target).await? {
+        Err(MoveRefused::UnknownVersion(target))
+    } else if prune::is_pruned(transaction, model_id, target).await? {
+        Err(MoveRefused::Pruned(target))
+    } else if !request.force && taint::is_tainted(transaction, model_id, target).await? {
+        Err(MoveRefused::Tainted(target))
+    } else {
+        Ok(target)
+    })
+}
+
+async fn parent_of_live(
+    transaction: &mut WriteTransaction,
+    model_id: i64,
+    before: &Pointers,
+) -> Result<Result<i64, MoveRefused>, StoreError> {
     let Some(live) = before.live else { return Ok(Err(MoveRefused::NothingLive)) };
     let row = query("select parent from version where model_id = ? and version = ?")
         .bind(model_id)
@@ -147,7 +155,7 @@ async fn write(
     now: Timestamp,
 ) -> Result<i64, StoreError> {
     pointers::write(transaction, model_id, after).await?;
-    let change = Change { model_id, action, before, after, reason: request.reason, actor: request.actor, report: None };
+    let change = Change { model_id, action, before, after, reason: request.reason, report: None };
     history::write(transaction, &change, now).await
 }
 

@@ -54,7 +54,7 @@ async fn finish(fixture: &Fixture, task_id: i64, outcome: &Outcome) -> Result<Fi
 
 async fn moved(fixture: &Fixture, model_id: i64, version: Option<i64>) -> Result<Moved, MoveRefused> {
     let mut transaction = fixture.store.begin().await.unwrap();
-    let request = MoveRequest { version, reason: "a test", actor: "tester", force: false };
+    let request = MoveRequest { version, reason: "a test", force: false };
     let moved = rollback(&mut transaction, model_id, &request, now()).await.unwrap();
     transaction.commit().await.unwrap();
     moved
@@ -146,7 +146,7 @@ async fn rollback_goes_to_the_parent_of_live_by_default_and_says_when_there_is_n
 async fn promote_moves_live_only() {
     let (fixture, model_id) = three_stages().await;
     let mut transaction = fixture.store.begin().await.unwrap();
-    let request = MoveRequest { version: Some(1), reason: "r", actor: "a", force: false };
+    let request = MoveRequest { version: Some(1), reason: "r", force: false };
     let moved = promote(&mut transaction, model_id, &request, now()).await.unwrap().unwrap();
     transaction.commit().await.unwrap();
     assert_eq!((moved.live, moved.head, moved.from), (Some(1), Some(3), Some(3)));

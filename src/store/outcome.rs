@@ -118,7 +118,6 @@ pub async fn succeeded(
             before: &before,
             after: &after,
             reason: &outcome.promotion.reason,
-            actor: "policy",
             report: None,
         };
         history::write(transaction, &change, now).await?;

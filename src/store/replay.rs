@@ -223,7 +223,6 @@ pub async fn ended(
         before: &before,
         after: &after,
         reason: &report.live.reason,
-        actor: "policy",
         report: Some(report),
     };
     history::write(transaction, &change, now).await?;

@@ -67,7 +67,6 @@ pub async fn retract(
     transaction: &mut WriteTransaction,
     model_id: i64,
     batch_id: i64,
-    actor: &str,
     now: Timestamp,
 ) -> Result<Retracted, StoreError> {
     transaction.is_for(Purpose::BatchRetracted);
@@ -99,15 +98,8 @@ pub async fn retract(
         let after = Pointers { head: stage.parent, ..before };
         pointers::write(transaction, model_id, &after).await?;
         let reason = format!("batch b{batch_id} was retracted");
-        let change = Change {
-            model_id,
-            action: Action::Retract,
-            before: &before,
-            after: &after,
-            reason: &reason,
-            actor,
-            report: None,
-        };
+        let change =
+            Change { model_id, action: Action::Retract, before: &before, after: &after, reason: &reason, report: None };
         history::write(transaction, &change, now).await?;
         pointers::settle_events(transaction, model_id).await?;
     }

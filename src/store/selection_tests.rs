@@ -75,7 +75,7 @@ async fn an_unknown_or_retracted_batch_is_named() {
     let (fixture, model_id) = fixture().await;
     let batch = fixture.batch(model_id, "slow", 0..3).await;
     let mut transaction = fixture.store.begin().await.unwrap();
-    let retracted = retract::retract(&mut transaction, model_id, batch, "tester", now()).await.unwrap();
+    let retracted = retract::retract(&mut transaction, model_id, batch, now()).await.unwrap();
     assert_eq!(retracted, retract::Retracted::Done { events: 3, stopped: Vec::new() });
     transaction.commit().await.unwrap();
     for (named, refusal) in [(batch, NoTask::RetractedBatch(batch)), (9, NoTask::UnknownBatch(9))] {
@@ -118,7 +118,7 @@ async fn what_another_batch_holds_survives_a_retraction() {
     fixture.batch(model_id, "slow", 0..3).await;
     fixture.batch(model_id, "slow", 1..3).await;
     let mut transaction = fixture.store.begin().await.unwrap();
-    let mut first = async || retract::retract(&mut transaction, model_id, 1, "tester", now()).await.unwrap();
+    let mut first = async || retract::retract(&mut transaction, model_id, 1, now()).await.unwrap();
     assert_eq!(first().await, retract::Retracted::Done { events: 1, stopped: Vec::new() });
     assert_eq!(first().await, retract::Retracted::Before { replaying: None });
     transaction.commit().await.unwrap();
@@ -135,7 +135,7 @@ async fn a_task_that_waits_goes_on_without_what_was_retracted_or_not_at_all() {
     fixture.tasks_of_pending(model_id).await;
     let mut transaction = fixture.store.begin().await.unwrap();
     for batch in [1, 3] {
-        let retracted = retract::retract(&mut transaction, model_id, batch, "tester", now()).await.unwrap();
+        let retracted = retract::retract(&mut transaction, model_id, batch, now()).await.unwrap();
         assert!(matches!(retracted, retract::Retracted::Done { stopped, .. } if stopped.is_empty()));
     }
     transaction.commit().await.unwrap();

@@ -130,11 +130,18 @@ impl Purpose {
 pub struct WriteTransaction {
     inner: Transaction<'static, Sqlite>,
     purpose: Option<Purpose>,
+    /// In whose name: the `name` of an `Actor`.
+    actor: String,
 }
 
 impl WriteTransaction {
-    pub(super) fn new(inner: Transaction<'static, Sqlite>) -> Self {
-        Self { inner, purpose: None }
+    pub(super) fn new(inner: Transaction<'static, Sqlite>, actor: &str) -> Self {
+        Self { inner, purpose: None, actor: actor.to_owned() }
+    }
+
+    /// In whose name its changes are made.
+    pub(super) fn actor(&self) -> String {
+        self.actor.clone()
     }
 
     /// Says what this is for. What was said first stays: a rollback cancels tasks, and is a rollback.

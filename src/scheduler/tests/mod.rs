@@ -87,7 +87,7 @@ impl Engine {
     }
 
     async fn rollback(&self, model_id: i64, version: i64) -> Moved {
-        let request = MoveRequest { version: Some(version), reason: "r", actor: "a", force: false };
+        let request = MoveRequest { version: Some(version), reason: "r", force: false };
         let mut transaction = self.fixture.store.begin().await.unwrap();
         let moved = rollback(&mut transaction, model_id, &request, clock()).await.unwrap().unwrap();
         transaction.commit().await.unwrap();
@@ -101,7 +101,7 @@ impl Engine {
     /// Retracts a batch and tells the scheduler; gives the replay.
     async fn retract(&self, model_id: i64, batch_id: i64) -> Option<i64> {
         let mut transaction = self.fixture.store.begin().await.unwrap();
-        let retracted = retract(&mut transaction, model_id, batch_id, "tester", clock()).await.unwrap();
+        let retracted = retract(&mut transaction, model_id, batch_id, clock()).await.unwrap();
         transaction.commit().await.unwrap();
         let (stopped, replay) = match retracted {
             Retracted::Done { stopped, .. } => (stopped, None),

@@ -117,7 +117,7 @@ async fn a_tainted_version_serves_only_when_somebody_insists_and_what_continues_
     engine.retract(model_id, 1).await.unwrap();
     engine.drain().await;
     let store = &engine.fixture.store;
-    let request = |force| MoveRequest { version: Some(2), reason: "r", actor: "a", force };
+    let request = |force| MoveRequest { version: Some(2), reason: "r", force };
     let mut transaction = store.begin().await.unwrap();
     for refused in [
         promote(&mut transaction, model_id, &request(false), clock()).await.unwrap(),

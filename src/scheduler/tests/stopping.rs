@@ -224,7 +224,7 @@ async fn a_rollback_overtakes_the_running_task() {
     engine.scheduler.tick().await.unwrap();
     pace.until(4).await;
     // The scheduler is not even told: what the task would write is refused.
-    let request = MoveRequest { version: Some(1), reason: "r", actor: "a", force: false };
+    let request = MoveRequest { version: Some(1), reason: "r", force: false };
     let mut transaction = engine.fixture.store.begin().await.unwrap();
     rollback(&mut transaction, model_id, &request, clock()).await.unwrap().unwrap();
     transaction.commit().await.unwrap();
