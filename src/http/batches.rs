@@ -93,8 +93,7 @@ pub(super) async fn upload(
         receive(&app.store, &by, upload, &app.ingest).await.map_err(ingest_problem)?;
     let tasks = selection::create_due(&mut transaction, model_id, model.settings.schedule, received_at).await?;
     let answer = answer(&model, &context, &receipt, &tasks);
-    request.keep(&mut transaction, request_sha256, &answer).await?;
-    request.note_batch(&mut transaction, receipt.batch_id).await?;
+    request.keep_about(&mut transaction, request_sha256, &answer, Some(receipt.batch_id)).await?;
     transaction.commit().await?;
     app.scheduler.wake();
     note(&app, &model, &receipt, bytes);
@@ -189,9 +188,7 @@ pub(super) async fn retract(
         caller.must(Scope::Admin)?;
     }
     let mut tx = app.store.begin_for(&by).await?;
-    let (stopped, replaying) = match retract::retract(&mut tx, model.model_id, batch, &by.name, Timestamp::now())
-        .await?
-    {
+    let (stopped, replaying) = match retract::retract(&mut tx, model.model_id, batch, Timestamp::now()).await? {
         Retracted::Done { stopped, .. } => (stopped, None),
         Retracted::Replaying { task_id, stopped } => (stopped, Some(task_id)),
         Retracted::Before { replaying } => (Vec::new(), replaying),

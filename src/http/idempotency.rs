@@ -11,7 +11,7 @@ use super::answer::Answer;
 use super::gate::Caller;
 use super::problem::{Code, Problem};
 use crate::store::idempotency::{self, Recollection, RequestIdentity};
-use crate::store::{WriteTransaction, erase};
+use crate::store::{StoreError, WriteTransaction};
 
 /// Longest key accepted, in bytes.
 pub(super) const MAX_KEY_BYTES: usize = 255;
@@ -81,23 +81,24 @@ impl Repeatable {
         tx: &mut WriteTransaction,
         request_sha256: [u8; 32],
         answer: &Answer,
-    ) -> Result<(), crate::store::StoreError> {
-        let Some(identity) = self.identity(request_sha256) else { return Ok(()) };
-        let keep_s = self.app.settings.idempotency_keep_s;
-        idempotency::keep(tx, &identity, answer.as_stored(), keep_s).await
+    ) -> Result<(), StoreError> {
+        self.keep_about(tx, request_sha256, answer, None).await
     }
 
-    /// Notes that the answer kept is about this batch.
+    /// As [`Self::keep`], of an answer that quotes a batch, and goes when that is erased.
     ///
     /// # Errors
     /// When the database fails.
-    pub(super) async fn note_batch(
+    pub(super) async fn keep_about(
         &self,
         tx: &mut WriteTransaction,
-        batch_id: i64,
-    ) -> Result<(), crate::store::StoreError> {
-        let Some(identity) = self.identity([0; 32]) else { return Ok(()) };
-        erase::note_answer(tx, &identity, batch_id).await
+        request_sha256: [u8; 32],
+        answer: &Answer,
+        batch_id: Option<i64>,
+    ) -> Result<(), StoreError> {
+        let Some(identity) = self.identity(request_sha256) else { return Ok(()) };
+        let keep_s = self.app.settings.idempotency_keep_s;
+        idempotency::keep(tx, &identity, answer.as_stored(), batch_id, keep_s).await
     }
 
     fn identity(&self, request_sha256: [u8; 32]) -> Option<RequestIdentity> {

@@ -13,7 +13,7 @@ use sqlx::{ConnectOptions as _, Connection as _, query};
 use tempfile::TempPath;
 
 use super::verify::{self, Looking, Verification};
-use super::{Store, StoreError, lock};
+use super::{Store, StoreError, beside, lock};
 
 /// A moment in the name of a file.
 pub(super) const NAMED: &str = "%Y%m%dT%H%M%S%.6fZ";
@@ -130,22 +130,15 @@ async fn put_aside(database: &Path, keep: bool) -> Result<Option<PathBuf>, Store
     if let Err(error) = fold(database).await {
         tracing::warn!(%error, "the write-ahead log of the database could not be folded into it");
     }
-    let mut aside = database.as_os_str().to_owned();
-    aside.push(format!(".before-restore-{}", Timestamp::now().strftime(NAMED)));
-    let aside = PathBuf::from(aside);
+    let aside = beside(database, &format!(".before-restore-{}", Timestamp::now().strftime(NAMED)));
     if keep {
         fs::hard_link(database, &aside).or_else(|_| fs::copy(database, &aside).map(drop)).map_err(refused(&aside))?;
     }
     for suffix in ["-wal", "-shm"] {
-        let with = |path: &Path| {
-            let mut name = path.as_os_str().to_owned();
-            name.push(suffix);
-            PathBuf::from(name)
-        };
-        let left = with(database);
+        let left = beside(database, suffix);
         match (left.exists(), keep && suffix == "-wal") {
             (false, _) => {}
-            (true, true) => fs::rename(&left, with(&aside)).map_err(refused(&left))?,
+            (true, true) => fs::rename(&left, beside(&aside, suffix)).map_err(refused(&left))?,
             (true, false) => fs::remove_file(&left).map_err(refused(&left))?,
         }
     }

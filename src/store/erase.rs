@@ -8,7 +8,6 @@ use jiff::Timestamp;
 use sqlx::{AssertSqlSafe, Row, query};
 
 use super::column::stored_time;
-use super::idempotency::RequestIdentity;
 use super::{Purpose, Store, StoreError, WriteTransaction};
 
 /// Asks for the erasure of what a retracted batch held; asking again changes nothing. `false` when it is not retracted.
@@ -25,25 +24,6 @@ pub async fn ask(transaction: &mut WriteTransaction, batch_id: i64, now: Timesta
     .execute(&mut **transaction)
     .await?;
     Ok(asked.rows_affected() > 0)
-}
-
-/// Notes what an upload's stored answer (whatever its digest) is about, so that it can be found when that is erased.
-///
-/// # Errors
-/// When the database cannot be written.
-pub async fn note_answer(
-    transaction: &mut WriteTransaction,
-    answered: &RequestIdentity,
-    batch_id: i64,
-) -> Result<(), StoreError> {
-    query("update idempotency set batch_id = ? where idempotency_key = ? and caller = ? and route = ?")
-        .bind(batch_id)
-        .bind(&answered.key)
-        .bind(&answered.caller)
-        .bind(&answered.route)
-        .execute(&mut **transaction)
-        .await?;
-    Ok(())
 }
 
 impl Store {

@@ -69,7 +69,7 @@ impl Store {
     }
 }
 
-/// Keeps an answer beside its effect, and drops what is older than `keep_s` seconds.
+/// Keeps an answer beside its effect, with the batch that it quotes, and drops what is older than `keep_s` seconds.
 ///
 /// # Errors
 /// When the database cannot be written.
@@ -77,12 +77,13 @@ pub async fn keep(
     transaction: &mut WriteTransaction,
     identity: &RequestIdentity,
     answer: &StoredAnswer,
+    batch_id: Option<i64>,
     keep_s: u32,
 ) -> Result<(), StoreError> {
     query("delete from idempotency where created_at < ?").bind(oldest_kept(keep_s)).execute(&mut **transaction).await?;
     query(
-        "insert into idempotency (idempotency_key, caller, route, request_sha256, status, headers, body, created_at) \
-         values (?, ?, ?, ?, ?, ?, ?, ?)",
+        "insert into idempotency (idempotency_key, caller, route, request_sha256, status, headers, body, batch_id, created_at) \
+         values (?, ?, ?, ?, ?, ?, ?, ?, ?)",
     )
     .bind(&identity.key)
     .bind(&identity.caller)
@@ -91,6 +92,7 @@ pub async fn keep(
     .bind(answer.status)
     .bind(serde_json::to_string(&answer.headers).expect("text"))
     .bind(&answer.body)
+    .bind(batch_id)
     .bind(Timestamp::now().to_string())
     .execute(&mut **transaction)
     .await?;
@@ -105,22 +107,12 @@ fn oldest_kept(keep_s: u32) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::store::StoreSettings;
+    use crate::store::fixture::settings;
 
     #[tokio::test]
     async fn an_answer_is_recalled_for_the_same_request_only_and_forgotten_when_old() {
         let directory = tempfile::tempdir().unwrap();
-        let store = Store::open(&StoreSettings {
-            path: directory.path().join("headway.db"),
-            readers: 1,
-            busy_timeout_s: 5.0,
-            writer_wait_s: 5.0,
-            statement_cache: 16,
-            audit_entries: 1000,
-            backup_before_migration: true,
-        })
-        .await
-        .unwrap();
+        let store = Store::open(&settings(&directory)).await.unwrap();
         let identity = RequestIdentity {
             key: "k".to_owned(),
             caller: "local".to_owned(),
@@ -134,7 +126,7 @@ mod tests {
         };
         assert_eq!(store.recall(&identity, 60).await.unwrap(), Recollection::New);
         let mut tx = store.begin().await.unwrap();
-        keep(&mut tx, &identity, &answer, 60).await.unwrap();
+        keep(&mut tx, &identity, &answer, None, 60).await.unwrap();
         tx.commit().await.unwrap();
         assert_eq!(store.recall(&identity, 60).await.unwrap(), Recollection::Answered(answer));
         let other = RequestIdentity { request_sha256: [2; 32], ..identity.clone() };

@@ -52,7 +52,7 @@ impl Store {
     /// When the database cannot be read.
     pub async fn training_events(&self, task_id: i64) -> Result<Vec<LedgerEvent>, StoreError> {
         let rows = query(
-            "select e.event_id, e.content_sha256, e.dt_s, e.arrays, e.name, e.batch_id from task_event te join event e using (event_id)
+            "select e.* from task_event te join event e using (event_id)
              where te.task_id = ? and e.split = 'train' order by e.content_sha256",
         )
         .bind(task_id)
@@ -66,7 +66,7 @@ impl Store {
     /// When the database cannot be read.
     pub async fn validation_events(&self, task_id: i64, limit: u32) -> Result<Vec<LedgerEvent>, StoreError> {
         let rows = query(
-            "select e.event_id, e.content_sha256, e.dt_s, e.arrays, e.name, e.batch_id from task_event te join event e using (event_id)
+            "select e.* from task_event te join event e using (event_id)
              where te.task_id = ? and e.split = 'validation' order by e.content_sha256 limit ?",
         )
         .bind(task_id)
@@ -88,7 +88,7 @@ impl Store {
     ) -> Result<Vec<LedgerEvent>, StoreError> {
         let rows = query(with_line!(
             "?2",
-            "select e.event_id, e.content_sha256, e.dt_s, e.arrays, e.name, e.batch_id from event e
+            "select e.* from event e
              where e.split = 'train' and e.state <> 'retracted' and e.pruned_at is null and e.event_id in (
                  select event_id from task_event where task_id = ?3
                  union
@@ -123,12 +123,13 @@ impl Store {
             ", learned as (
                  select distinct line.regime, e.event_id, e.content_sha256
                  from line cross join task_event te using (task_id) join event e using (event_id)
-                 where e.split = ?5 and e.state <> 'retracted' and e.pruned_at is null and e.event_id not in (select event_id from task_event where task_id = ?3)
+                 where e.split = ?5 and e.state <> 'retracted' and e.pruned_at is null
+                     and e.event_id not in (select event_id from task_event where task_id = ?3)
              ),
              ranked as (
                  select *, row_number() over (partition by regime order by content_sha256) as place from learned
              )
-             select r.regime, e.event_id, e.content_sha256, e.dt_s, e.arrays, e.name, e.batch_id
+             select r.regime as learned_as, e.*
              from ranked r join event e using (event_id)
              where r.place <= ?4 order by r.regime, e.content_sha256"
         ))
@@ -140,7 +141,7 @@ impl Store {
         .fetch(&self.readers);
         let mut regimes: Vec<(String, Vec<LedgerEvent>)> = Vec::new();
         while let Some(row) = rows.try_next().await? {
-            let (regime, event) = (row.try_get("regime")?, event_from(&row)?);
+            let (regime, event) = (row.try_get("learned_as")?, event_from(&row)?);
             match regimes.last_mut() {
                 Some((last, events)) if *last == regime => events.push(event),
                 _ => regimes.push((regime, vec![event])),
@@ -163,7 +164,7 @@ impl Store {
     ) -> Result<Vec<LedgerEvent>, StoreError> {
         let rows = query(with_line!(
             "?2",
-            "select e.event_id, e.content_sha256, e.dt_s, e.arrays, e.name, e.batch_id from event e
+            "select e.* from event e
              where e.split = 'train' and e.state <> 'retracted' and e.pruned_at is null and e.event_id in (
                  select te.event_id from line cross join task t on t.task_id = line.task_id
                  cross join task_event te on te.task_id = t.task_id
@@ -195,7 +196,7 @@ impl Store {
             None => Vec::new(),
         };
         let rows = query(
-            "select event_id, content_sha256, dt_s, arrays, name, batch_id from event
+            "select * from event
              where event_id in (
                  select value from json_each(?)
                  union
@@ -218,7 +219,7 @@ impl Store {
     pub async fn reservoir(&self, reservoir_id: i64) -> Result<Vec<LedgerEvent>, StoreError> {
         let ids = self.reservoir_ids(reservoir_id).await?;
         let rows = query(
-            "select event_id, content_sha256, dt_s, arrays, name, batch_id from event
+            "select * from event
              where event_id in (select value from json_each(?)) and state <> 'retracted' order by content_sha256",
         )
         .bind(stored_ids(&ids))

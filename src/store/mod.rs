@@ -171,7 +171,7 @@ impl Store {
     /// # Errors
     /// When the database cannot be written, or other changes take longer than `writer_wait_s`.
     pub async fn begin_for(&self, actor: &Actor) -> Result<WriteTransaction, StoreError> {
-        let mut transaction = WriteTransaction::new(self.writer.begin_with("begin immediate").await?);
+        let mut transaction = WriteTransaction::new(self.writer.begin_with("begin immediate").await?, &actor.name);
         audit::act(&mut transaction, actor).await?;
         Ok(transaction)
     }
@@ -195,9 +195,15 @@ async fn is_outside_transactions(connection: &mut SqliteConnection) -> Result<bo
     Ok(!connection.is_in_transaction())
 }
 
-fn lock(path: &Path) -> Result<File, StoreError> {
+/// A file beside a database: its path, and this behind it.
+fn beside(path: &Path, suffix: &str) -> PathBuf {
     let mut name = path.as_os_str().to_owned();
-    name.push(".lock");
+    name.push(suffix);
+    name.into()
+}
+
+fn lock(path: &Path) -> Result<File, StoreError> {
+    let name = beside(path, ".lock");
     let unlockable = |source| StoreError::Lock { path: path.to_owned(), source };
     let file = File::options().create(true).truncate(false).write(true).open(&name).map_err(unlockable)?;
     match file.try_lock() {
@@ -214,15 +220,7 @@ mod tests {
     #[tokio::test]
     async fn a_change_waits_for_the_writer_and_is_told_when_that_takes_too_long() {
         let directory = tempfile::tempdir().unwrap();
-        let settings = StoreSettings {
-            path: directory.path().join("headway.db"),
-            readers: 1,
-            busy_timeout_s: 5.0,
-            writer_wait_s: 0.5,
-            statement_cache: 16,
-            audit_entries: 1000,
-            backup_before_migration: true,
-        };
+        let settings = StoreSettings { writer_wait_s: 0.5, ..fixture::settings(&directory) };
         let store = Store::open(&settings).await.unwrap();
         let writing = store.begin().await.unwrap();
         assert!(matches!(store.begin().await, Err(StoreError::Busy)));

@@ -8,7 +8,7 @@ use sqlx::migrate::{Migrate, Migrator};
 use sqlx::sqlite::SqliteConnection;
 use sqlx::{Row, SqlitePool, query};
 
-use super::{StoreError, backup};
+use super::{StoreError, backup, beside};
 
 /// Every migration of this release, in order.
 pub(super) static MIGRATIONS: Migrator = sqlx::migrate!("./migrations");
@@ -65,7 +65,8 @@ pub(super) async fn migrate(
     refuse_newer(schema)?;
     let is_current = MIGRATIONS.iter().all(|migration| applied.contains(&migration.version));
     let taken = if schema > 0 && !is_current && keep_backup {
-        let to = beside(path, schema);
+        // The name tells which release can read it.
+        let to = beside(path, &format!(".schema-{schema}.{}.backup", Timestamp::now().strftime(backup::NAMED)));
         backup::write(path, &to, false).await?;
         tracing::info!(schema, newest = newest(), backup = %to.display(), "a backup was taken before the schema changes");
         Some(to)
@@ -74,11 +75,4 @@ pub(super) async fn migrate(
     };
     MIGRATIONS.run(writer).await?;
     Ok(taken)
-}
-
-/// `PATH.schema-N.TIME.backup`: the name tells which release can read it.
-fn beside(path: &Path, schema: i64) -> PathBuf {
-    let mut name = path.as_os_str().to_owned();
-    name.push(format!(".schema-{schema}.{}.backup", Timestamp::now().strftime(backup::NAMED)));
-    name.into()
 }

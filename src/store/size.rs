@@ -1,8 +1,9 @@
 //! How large the database is, and giving back what it does not use.
 
-use sqlx::{AssertSqlSafe, Row, query};
+use sqlx::{AssertSqlSafe, query};
 
-use super::{Store, StoreError};
+use super::column::count;
+use super::{Store, StoreError, beside};
 
 /// Bytes on the disk.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -15,6 +16,15 @@ pub struct DatabaseSize {
     pub unused: u64,
 }
 
+/// Pages of the file, those in the write-ahead log included.
+struct Pages {
+    /// Bytes of one.
+    size: u64,
+    all: u64,
+    /// Those that nothing uses.
+    unused: u64,
+}
+
 impl Store {
     /// How large it is.
     ///
@@ -22,12 +32,8 @@ impl Store {
     /// When the database cannot be read.
     pub async fn size(&self) -> Result<DatabaseSize, StoreError> {
         let bytes = |path: &std::path::Path| std::fs::metadata(path).map_or(0, |found| found.len());
-        let mut log = self.path.clone().into_os_string();
-        log.push("-wal");
-        let row = query("pragma page_size").fetch_one(&self.readers).await?;
-        let page: i64 = row.try_get("page_size")?;
-        let unused = self.unused_pages().await? * page.unsigned_abs();
-        Ok(DatabaseSize { database: bytes(&self.path), log: bytes(log.as_ref()), unused })
+        let Pages { size, unused, .. } = self.pages().await?;
+        Ok(DatabaseSize { database: bytes(&self.path), log: bytes(&beside(&self.path, "-wal")), unused: unused * size })
     }
 
     /// Pages of the file that nothing uses.
@@ -35,8 +41,7 @@ impl Store {
     /// # Errors
     /// When the database cannot be read.
     pub async fn unused_pages(&self) -> Result<u64, StoreError> {
-        let row = query("pragma freelist_count").fetch_one(&self.readers).await?;
-        Ok(row.try_get::<i64, _>("freelist_count")?.unsigned_abs())
+        Ok(self.pages().await?.unused)
     }
 
     /// Bytes of pages that something uses, those in the write-ahead log included.
@@ -44,15 +49,26 @@ impl Store {
     /// # Errors
     /// When the database cannot be read.
     pub async fn used_bytes(&self) -> Result<u64, StoreError> {
-        let mut reader = self.readers.acquire().await?;
-        let pages: i64 = query("pragma page_count").fetch_one(&mut *reader).await?.try_get("page_count")?;
-        let page: i64 = query("pragma page_size").fetch_one(&mut *reader).await?.try_get("page_size")?;
-        let unused: i64 = query("pragma freelist_count").fetch_one(&mut *reader).await?.try_get("freelist_count")?;
-        Ok((pages - unused).unsigned_abs() * page.unsigned_abs())
+        let Pages { size, all, unused } = self.pages().await?;
+        Ok((all - unused) * size)
+    }
+
+    async fn pages(&self) -> Result<Pages, StoreError> {
+        let row = query(
+            "select page_size, page_count, freelist_count
+             from pragma_page_size, pragma_page_count, pragma_freelist_count",
+        )
+        .fetch_one(&self.readers)
+        .await?;
+        Ok(Pages {
+            size: count(&row, "page_size")?,
+            all: count(&row, "page_count")?,
+            unused: count(&row, "freelist_count")?,
+        })
     }
 
     /// Gives up to `pages` unused pages at the end of the file back to the file system. `false` where the file does not
-    /// let go of pages one by one, as those that releases before 0.2 made: [`Self::compact`] changes that.
+    /// let go of pages one by one, as those that earlier releases made: [`Self::compact`] changes that.
     ///
     /// # Errors
     /// When the database cannot be written.
