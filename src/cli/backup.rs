@@ -8,7 +8,7 @@ use hyper::Method;
 use serde_json::json;
 
 use super::looking::Bar;
-use super::remote::Remote;
+use super::remote::ServerArguments;
 use crate::store::backup;
 
 /// What `headway backup` can be told.
@@ -17,21 +17,14 @@ pub(super) struct BackupArguments {
     /// The database file; a server may own it and write to it
     #[arg(long, value_name = "FILE", required_unless_present = "server", requires = "to")]
     database: Option<PathBuf>,
-    /// The backup, a new file
-    #[arg(long, value_name = "FILE")]
+    /// The backup, a new file; a server writes into a folder of its own, `backup.folder`
+    #[arg(long, value_name = "FILE", conflicts_with = "server")]
     to: Option<PathBuf>,
     /// Take the place of a file that is there
     #[arg(long, requires = "to")]
     force: bool,
-    /// Have the server at this address write the backup into its own folder, `backup.folder`
-    #[arg(long, value_name = "URL", conflicts_with_all = ["database", "to"])]
-    server: Option<String>,
-    /// The key that is shown to the server
-    #[arg(long, value_name = "KEY", env = "HEADWAY_KEY", hide_env_values = true)]
-    key: Option<String>,
-    /// Certificates (PEM) that vouch for the server's [default: those that the system trusts]
-    #[arg(long, value_name = "FILE", requires = "server")]
-    ca: Option<PathBuf>,
+    #[command(flatten)]
+    server: ServerArguments,
     /// Print one JSON object
     #[arg(long)]
     json: bool,
@@ -41,11 +34,8 @@ pub(super) struct BackupArguments {
 #[expect(clippy::print_stdout, reason = "the result")]
 pub(super) fn run(arguments: &BackupArguments) -> anyhow::Result<()> {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
-    let taken = match (&arguments.server, &arguments.database, &arguments.to) {
-        (Some(url), ..) => {
-            let server = Remote::new(url, arguments.key.as_deref(), arguments.ca.as_deref())?;
-            runtime.block_on(server.send(Method::POST, "/v1/backup", None))?
-        }
+    let taken = match (arguments.server.remote()?, &arguments.database, &arguments.to) {
+        (Some(server), ..) => runtime.block_on(server.send(Method::POST, "/v1/backup", None))?,
         (None, Some(database), Some(to)) => {
             let bar = Bar::new();
             let taken = runtime.block_on(backup::backup(database, to, arguments.force, &|looking| bar.show(looking)));

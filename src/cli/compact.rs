@@ -3,18 +3,17 @@
 use std::io::Write;
 use std::path::PathBuf;
 
-use anyhow::Context;
 use clap::Args;
 
-use crate::config::{Config, Layer};
+use super::settings;
 use crate::store::Store;
 
 /// What `headway compact` can be told.
 #[derive(Debug, Args)]
 pub(super) struct CompactArguments {
-    /// The database file
-    #[arg(long, value_name = "FILE", default_value = "./headway.db")]
-    database: PathBuf,
+    /// The database file [default: ./headway.db]
+    #[arg(long, value_name = "FILE")]
+    database: Option<PathBuf>,
     /// Print the result as JSON
     #[arg(long)]
     json: bool,
@@ -22,10 +21,9 @@ pub(super) struct CompactArguments {
 
 /// Rewrites the database.
 pub(super) fn run(arguments: &CompactArguments) -> anyhow::Result<()> {
-    let path = &arguments.database;
+    let settings = settings::of_a_server(arguments.database.as_deref())?.database;
+    let path = &settings.path;
     anyhow::ensure!(path.exists(), "there is no database {}", path.display());
-    let name = path.to_str().context("--database: the path is not UTF-8")?;
-    let settings = Config::resolve([Layer::string("--database", "database.path", name)])?.database;
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     let (before, after) = runtime.block_on(async {
         let store = Store::open(&settings).await?;

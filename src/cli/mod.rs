@@ -22,6 +22,8 @@ mod reproduce;
 mod restore;
 /// The server.
 mod serve;
+/// What a server would find.
+mod settings;
 /// Whether a database is what was written.
 mod verify;
 

@@ -1,10 +1,11 @@
 //! A running server, spoken to over its interface, encrypted or not.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use anyhow::{Context, anyhow, bail};
 use bytes::Bytes;
+use clap::Args;
 use http_body_util::{BodyExt, Full};
 use hyper::header::{AUTHORIZATION, CONTENT_TYPE, HeaderValue};
 use hyper::{Method, Request};
@@ -18,6 +19,28 @@ use tokio_rustls::rustls::pki_types::CertificateDer;
 use tokio_rustls::rustls::pki_types::pem::PemObject;
 use tokio_rustls::rustls::{ClientConfig, RootCertStore};
 
+/// Which server, and how it is spoken to.
+#[derive(Debug, Args)]
+pub(super) struct ServerArguments {
+    /// A running server instead of a database file
+    #[arg(long, value_name = "URL", conflicts_with = "database")]
+    server: Option<String>,
+    /// The key that is shown to the server
+    #[arg(long, value_name = "KEY", env = "HEADWAY_KEY", hide_env_values = true)]
+    key: Option<String>,
+    /// Certificates (PEM) that vouch for the server's [default: those that the system trusts]
+    #[arg(long, value_name = "FILE", requires = "server")]
+    ca: Option<PathBuf>,
+}
+
+impl ServerArguments {
+    /// The server, where one is named.
+    pub(super) fn remote(&self) -> anyhow::Result<Option<Remote>> {
+        let remote = |url: &String| Remote::new(url, self.key.as_deref(), self.ca.as_deref());
+        self.server.as_ref().map(remote).transpose()
+    }
+}
+
 /// A server, and the key that it is shown.
 pub(super) struct Remote {
     http: Client<HttpsConnector<HttpConnector>, Full<Bytes>>,
@@ -27,7 +50,7 @@ pub(super) struct Remote {
 
 impl Remote {
     /// The server at `url`, whose certificate is to be one of those in `ca`, or from there; else one that the system trusts.
-    pub(super) fn new(url: &str, key: Option<&str>, ca: Option<&Path>) -> anyhow::Result<Self> {
+    fn new(url: &str, key: Option<&str>, ca: Option<&Path>) -> anyhow::Result<Self> {
         let connector = HttpsConnectorBuilder::new();
         let connector = match ca {
             None if url.starts_with("https:") => connector

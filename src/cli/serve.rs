@@ -10,6 +10,7 @@ use rustix::process::{Resource, Rlimit, Signal, getrlimit, setrlimit};
 use tokio::net::TcpListener;
 use tokio::signal::unix::{self, SignalKind};
 
+use super::settings;
 use crate::app;
 use crate::config::{Config, Layer};
 use crate::telemetry;
@@ -36,13 +37,7 @@ pub(super) struct ServeArguments {
 
 impl ServeArguments {
     pub(super) fn resolve(&self) -> anyhow::Result<Config> {
-        let mut layers = Vec::new();
-        if let Some(path) = &self.config {
-            layers.push(Layer::file(path)?);
-        }
-        layers.extend(Layer::variables(
-            std::env::vars_os().filter_map(|(name, text)| Some((name.into_string().ok()?, text.into_string().ok()?))),
-        )?);
+        let mut layers = settings::layers(self.config.as_deref())?;
         for setting in &self.settings {
             let (key, value) =
                 setting.split_once('=').with_context(|| format!("--set {setting}: SECTION.KEY=VALUE is needed"))?;
@@ -51,10 +46,7 @@ impl ServeArguments {
         if let Some(address) = self.listen {
             layers.push(Layer::string("--listen", "server.listen", &address.to_string()));
         }
-        if let Some(path) = &self.database {
-            let path = path.to_str().context("--database: the path is not UTF-8")?;
-            layers.push(Layer::string("--database", "database.path", path));
-        }
+        layers.extend(self.database.as_deref().map(settings::database).transpose()?);
         Ok(Config::resolve(layers)?)
     }
 }

@@ -8,7 +8,8 @@ use jiff::Timestamp;
 use serde_json::{Value, json};
 
 use crate::access::{Issued, KeyId, KeyWish};
-use crate::config::{Config, Layer};
+use crate::cli::settings;
+use crate::config::Config;
 use crate::http::key_body;
 use crate::store::keys::{self, Revoked};
 use crate::store::{Actor, Store};
@@ -25,18 +26,7 @@ pub(super) struct Database {
 impl Database {
     /// Opens it, with the settings that a server would find; a new one only to make a key.
     pub(super) async fn open(path: Option<&Path>, create: bool) -> anyhow::Result<Self> {
-        let mut layers = Vec::new();
-        if let Some(file) = std::env::var_os("HEADWAY_CONFIG") {
-            layers.push(Layer::file(Path::new(&file))?);
-        }
-        layers.extend(Layer::variables(
-            std::env::vars_os().filter_map(|(name, text)| Some((name.into_string().ok()?, text.into_string().ok()?))),
-        )?);
-        if let Some(path) = path {
-            let path = path.to_str().context("--database: the path is not UTF-8")?;
-            layers.push(Layer::string("--database", "database.path", path));
-        }
-        let Config { database, access, .. } = Config::resolve(layers)?;
+        let Config { database, access, .. } = settings::of_a_server(path)?;
         if !create && !database.path.exists() {
             bail!("there is no database {}", database.path.display());
         }

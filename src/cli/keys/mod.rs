@@ -13,10 +13,11 @@ use clap::{Args, Subcommand};
 use jiff::{SpanRelativeTo, Timestamp};
 use serde_json::Value;
 
-use super::remote::Remote;
+use super::remote::ServerArguments;
 use crate::access::{KeyWish, Scope};
 use crate::lineage::ModelName;
 use local::Database;
+use remote::Server;
 
 /// What `headway keys` can be told.
 #[derive(Debug, Args)]
@@ -39,17 +40,10 @@ enum Command {
 #[derive(Debug, Args)]
 struct Whose {
     /// The database file, while no server has it open [default: ./headway.db]
-    #[arg(long, value_name = "FILE", conflicts_with = "server")]
+    #[arg(long, value_name = "FILE")]
     database: Option<PathBuf>,
-    /// A running server instead of a database file
-    #[arg(long, value_name = "URL")]
-    server: Option<String>,
-    /// The key that is shown to the server
-    #[arg(long, value_name = "KEY", env = "HEADWAY_KEY", hide_env_values = true)]
-    key: Option<String>,
-    /// Certificates (PEM) that vouch for the server's [default: those that the system trusts]
-    #[arg(long, value_name = "FILE", requires = "server")]
-    ca: Option<PathBuf>,
+    #[command(flatten)]
+    server: ServerArguments,
     /// Print JSON on stdout, as the server answers it
     #[arg(long)]
     json: bool,
@@ -98,13 +92,13 @@ fn when(text: &str) -> Result<Timestamp, String> {
 /// Where keys are.
 enum Keys {
     Database(Database),
-    Server(Remote),
+    Server(Server),
 }
 
 impl Keys {
     async fn of(whose: &Whose, create: bool) -> anyhow::Result<Self> {
-        match &whose.server {
-            Some(url) => Ok(Self::Server(Remote::new(url, whose.key.as_deref(), whose.ca.as_deref())?)),
+        match whose.server.remote()? {
+            Some(remote) => Ok(Self::Server(Server(remote))),
             None => Database::open(whose.database.as_deref(), create).await.map(Self::Database),
         }
     }
