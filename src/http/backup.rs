@@ -25,7 +25,7 @@ pub(super) async fn list(State(app): State<Arc<AppState>>) -> Result<Answer, Pro
     Ok(Answer::ok(&json!({"backups": listed, "next_page_token": null})))
 }
 
-/// `POST /v1/backup`. A client that goes away ends nothing.
+/// `POST /v1/backup`
 pub(super) async fn create(State(app): State<Arc<AppState>>) -> Result<Answer, Problem> {
     if !app.backup.is_on() {
         return Err(Code::NoBackupFolder.because("the server's settings name no folder for backups, backup.folder"));

@@ -6,7 +6,6 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use axum::http::Response;
-
 use hyper::server::conn::http1;
 use hyper::service::service_fn;
 use hyper_util::rt::TokioIo;
@@ -33,9 +32,9 @@ const TELLING: Duration = Duration::from_secs(2);
 
 /// What a client is told when as many connections are open as the server keeps.
 const FULL: &[u8] = b"HTTP/1.1 503 Service Unavailable\r\ncontent-type: application/problem+json\r\nretry-after: 1\r\n\
-    connection: close\r\ncontent-length: 129\r\n\r\n\
-    {\"type\":\"about:blank\",\"title\":\"Too many connections\",\"status\":503,\"code\":\"busy\",\
-    \"detail\":\"as many are open as the server keeps\"}\n";
+    connection: close\r\ncontent-length: 172\r\n\r\n\
+    {\"type\":\"urn:headway:problem:busy\",\"title\":\"Too many requests of this kind at once\",\"status\":503,\
+    \"code\":\"busy\",\"detail\":\"as many connections are open as the server keeps\"}\n";
 
 /// Answers whoever connects to `listener`, `settings.connections` of them at once. Once `stopping` turns true nobody else is
 /// taken in, connections between two requests are closed, and the others after the answer they wait for; then this ends.
@@ -52,15 +51,18 @@ pub async fn serve(
     loop {
         tokio::select! {
             accepted = listener.accept() => match accepted {
-                Ok((stream, _)) => match (Arc::clone(&free).try_acquire_owned(), Arc::clone(&telling).try_acquire_owned()) {
-                    (Ok(place), _) => {
+                Ok((stream, _)) => match Arc::clone(&free).try_acquire_owned() {
+                    Ok(place) => {
                         let (tls, interface) = (tls.clone(), interface.clone());
                         tokio::spawn(receive(stream, tls, interface, patience, connections.watcher(), place));
                     }
-                    (Err(_), Ok(place)) => {
-                        tokio::spawn(tell_full(stream, place));
+                    // Who expects to be spoken to under encryption understands nothing else.
+                    Err(_) if tls.is_some() => {}
+                    Err(_) => {
+                        if let Ok(place) = Arc::clone(&telling).try_acquire_owned() {
+                            tokio::spawn(tell_full(stream, place));
+                        }
                     }
-                    (Err(_), Err(_)) => drop(stream),
                 },
                 Err(error) if of_the_client(&error) => {}
                 Err(error) => {

@@ -7,6 +7,7 @@ use std::sync::Arc;
 
 use arc_swap::ArcSwap;
 use axum::extract::FromRequestParts;
+use axum::http::Method;
 use axum::http::header::{
     AUTHORIZATION, HOST, HeaderMap, HeaderName, HeaderValue, ORIGIN, RETRY_AFTER, WWW_AUTHENTICATE,
 };
@@ -17,7 +18,6 @@ use tokio::sync::Mutex;
 use super::problem::{Code, Problem, RequestContext};
 use crate::access::{AccessSettings, Class, Entry, Key, KeyTable, Policy, Scope, Standing, TooMany, Unrecognised};
 use crate::store::{Actor, Store, StoreError};
-use axum::http::Method;
 
 /// What a route needs of who calls it, once there are keys.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

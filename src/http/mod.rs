@@ -38,6 +38,7 @@ mod models;
 mod numbers;
 /// JSON objects, where no array will do.
 mod object;
+/// JSON in which nothing is said twice.
 mod once;
 /// Names and ids in paths.
 mod path;

@@ -61,7 +61,7 @@ impl Patience {
         }
     }
 
-    /// Ends when the connection has been waited for long enough; at most a quarter later.
+    /// Ends when the connection has been waited for long enough; at most half of the shortest patience later.
     pub(super) async fn ends(self, activity: &Activity) {
         let look = self.head.min(self.answer).min(self.idle) / 4;
         let (mut waiting, mut since) = (activity.waiting(), Instant::now());

@@ -1,12 +1,12 @@
 //! A route, which cannot be written down without what it needs of who calls it.
 
 use std::collections::HashMap;
+use std::sync::Arc;
 
 use axum::Router;
 use axum::handler::Handler;
 use axum::http::Method;
 use axum::routing::{MethodFilter, MethodRouter};
-use std::sync::Arc;
 
 use super::AppState;
 use super::gate::Need;
