@@ -13,92 +13,30 @@ pub(crate) struct Remains {
     copy: TempDir,
 }
 
-/// What may never be: each query finds nothing.
-const NEVER: [(&str, &str); 18] = [
-    ("a broken reference", "select * from pragma_foreign_key_check"),
-    ("a damaged page", "select * from pragma_integrity_check where integrity_check <> 'ok'"),
-    (
-        "a batch without all its events",
-        "select * from batch b where accepted + duplicates <>
-        (select count(*) from batch_event be where be.batch_id = b.batch_id)",
-    ),
-    (
-        "a batch without all its rejections",
-        "select * from batch b where rejected <>
-        (select count(*) from rejection r where r.batch_id = b.batch_id)",
-    ),
-    (
-        "an event that its batch does not hold",
-        "select * from event e where not exists
-        (select 1 from batch_event be where be.event_id = e.event_id and be.batch_id = e.batch_id)",
-    ),
-    (
-        "an event claimed by no task under way",
-        "select * from event e where e.state = 'claimed' and not exists
-        (select 1 from task_event te join task t using (task_id) where te.event_id = e.event_id
-         and t.state in ('queued', 'running'))",
-    ),
-    (
-        "an event of a task under way that is not claimed",
-        "select * from task t join task_event te using (task_id)
-        join event e using (event_id) where t.state in ('queued', 'running') and e.state <> 'claimed'",
-    ),
+/// What may never be and `headway verify` does not know, because here it is known what was done: each query finds nothing.
+const NEVER: [(&str, &str); 6] = [
     (
         "an event that a version learned and that waits",
         "select * from version v join task_event te using (task_id)
         join event e using (event_id) where e.state = 'pending'",
     ),
-    (
-        "a checkpoint of a task that ended",
-        "select * from checkpoint join task t using (task_id)
-        where t.state not in ('queued', 'running')",
-    ),
-    (
-        "two running tasks of a model",
-        "select model_id from task where state = 'running'
-        group by model_id having count(*) > 1",
-    ),
-    (
-        "a version without its weights",
-        "select * from version v where not exists
-        (select 1 from weights w where w.model_id = v.model_id and w.version = v.version) and not exists
-        (select 1 from pruned p where p.model_id = v.model_id and p.version = v.version)",
-    ),
     ("a pruned version with weights", "select * from pruned join weights using (model_id, version)"),
     (
-        "a version without its evaluation",
+        "a version without an evaluation on test events",
         "select * from version v where not exists
         (select 1 from version_regime r where r.model_id = v.model_id and r.version = v.version
          and r.regime = v.regime and r.learned_version = v.version and r.test_events > 0)",
     ),
+    ("a version that no task made", "select * from version where task_id is null"),
     (
-        "a version whose task did not end with it",
-        "select * from version v left join task t using (task_id)
-        where t.state is not 'succeeded' or t.version is not v.version",
-    ),
-    (
-        "a task that succeeded without a version",
-        "select * from task t where state = 'succeeded' and kind = 'learn' and not exists
-        (select 1 from version v where v.task_id = t.task_id and v.version = t.version)",
-    ),
-    (
-        "a pointer that history does not know",
-        "select * from model m where exists (select 1 from version v
-        where v.model_id = m.model_id) and (live_version is not
-        (select live from history h where h.model_id = m.model_id order by history_id desc limit 1)
-        or not exists (select 1 from version v where v.model_id = m.model_id and v.version = m.live_version)
-        or m.head_version is null and not exists (select 1 from replay) or m.head_version is not null
-        and not exists (select 1 from version v where v.model_id = m.model_id and v.version = m.head_version))",
+        "a model that learned and has neither head nor live",
+        "select * from model m where exists (select 1 from version v where v.model_id = m.model_id)
+        and (live_version is null or head_version is null and not exists (select 1 from replay))",
     ),
     (
         "content of a batch that is erased",
         "select * from batch b join batch_event be using (batch_id) join event e using (event_id)
         where b.erased_at is not null and e.state = 'retracted' and (length(e.arrays) > 0 or e.name <> '')",
-    ),
-    (
-        "a gap in the history",
-        "select * from (select from_live, lag(live) over
-        (partition by model_id order by history_id) as before from history) where from_live is not before",
     ),
 ];
 
