@@ -1,11 +1,11 @@
-use std::io::{BufRead, BufReader};
-use std::process::{Command, Output, Stdio};
+use std::process::{Command, Output};
 use std::time::{Duration, Instant};
 
 use jiff::{SignedDuration, Timestamp};
 use reqwest::Method;
 use serde_json::{Value, json};
 
+use crate::support::binary::Binary;
 use crate::support::events::events;
 use crate::support::server::{Answer, Server};
 
@@ -190,17 +190,8 @@ fn a_server_without_keys_does_not_listen_beyond_loopback() {
     assert!(
         headway(&["keys", "create", "--scope", "admin", "--database", database.to_str().unwrap()]).status.success()
     );
-    let mut child = Command::new(env!("CARGO_BIN_EXE_headway"))
-        .args(["--listen", "0.0.0.0:0", "--database", database.to_str().unwrap()])
-        .stdout(Stdio::piped())
-        .stderr(Stdio::null())
-        .spawn()
-        .unwrap();
-    let mut first = String::new();
-    BufReader::new(child.stdout.take().unwrap()).read_line(&mut first).unwrap();
-    child.kill().unwrap();
-    child.wait().unwrap();
-    assert!(first.starts_with("listening on http://0.0.0.0:"), "{first}");
+    let binary = Binary::start(&["--listen", "0.0.0.0:0", "--database", database.to_str().unwrap()]);
+    assert!(binary.url.starts_with("http://0.0.0.0:"), "{}", binary.url);
 }
 
 #[tokio::test]

@@ -1,6 +1,5 @@
-use std::io::{BufRead, BufReader};
 use std::path::Path;
-use std::process::{Child, Command, Output, Stdio};
+use std::process::{Command, Output};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -16,6 +15,8 @@ use tokio_rustls::rustls::pki_types::pem::PemObject;
 use tokio_rustls::rustls::pki_types::{CertificateDer, ServerName};
 use tokio_rustls::rustls::{ClientConfig, RootCertStore};
 
+use crate::support::binary::Binary;
+
 /// Writes a new certificate for this machine, and its key.
 fn certify(directory: &Path) {
     let names = ["localhost".to_owned(), "127.0.0.1".to_owned()];
@@ -27,15 +28,7 @@ fn certify(directory: &Path) {
 /// The real binary, encrypted.
 struct Encrypted {
     directory: TempDir,
-    child: Child,
-    url: String,
-}
-
-impl Drop for Encrypted {
-    fn drop(&mut self) {
-        let _ = self.child.kill();
-        let _ = self.child.wait();
-    }
+    binary: Binary,
 }
 
 impl Encrypted {
@@ -43,29 +36,27 @@ impl Encrypted {
         let directory = tempfile::tempdir().unwrap();
         certify(directory.path());
         let file = |name: &str| directory.path().join(name).to_str().unwrap().to_owned();
-        let mut child = Command::new(env!("CARGO_BIN_EXE_headway"))
-            .args(["--listen", "127.0.0.1:0", "--database", &file("headway.db")])
-            .args(["--set", &format!("server.tls.certificate={}", file("certificate.pem"))])
-            .args(["--set", &format!("server.tls.key={}", file("key.pem"))])
-            .stdout(Stdio::piped())
-            .stderr(Stdio::null())
-            .spawn()
-            .unwrap();
-        let mut first = String::new();
-        BufReader::new(child.stdout.take().unwrap()).read_line(&mut first).unwrap();
-        let url = first.trim().strip_prefix("listening on ").unwrap().to_owned();
-        Self { directory, child, url }
+        let certificate = format!("server.tls.certificate={}", file("certificate.pem"));
+        let key = format!("server.tls.key={}", file("key.pem"));
+        let place = ["--listen", "127.0.0.1:0", "--database", &file("headway.db")];
+        let binary = Binary::start(&[&place[..], &["--set", &certificate, "--set", &key]].concat());
+        Self { directory, binary }
     }
 
     fn keys(&self, arguments: &[&str]) -> Output {
         let ca = self.directory.path().join("certificate.pem");
         let mut command = Command::new(env!("CARGO_BIN_EXE_headway"));
-        command.env_remove("HEADWAY_KEY").arg("keys").args(arguments).args(["--server", &self.url, "--ca"]).arg(ca);
+        command
+            .env_remove("HEADWAY_KEY")
+            .arg("keys")
+            .args(arguments)
+            .args(["--server", &self.binary.url, "--ca"])
+            .arg(ca);
         command.output().unwrap()
     }
 
     fn address(&self) -> &str {
-        self.url.strip_prefix("https://").unwrap()
+        self.binary.url.strip_prefix("https://").unwrap()
     }
 
     /// A connection that trusts this certificate, or why there is none.
@@ -85,7 +76,7 @@ impl Encrypted {
 #[tokio::test]
 async fn connections_are_encrypted_with_the_certificate_from_a_file() {
     let server = Encrypted::start();
-    assert!(server.url.starts_with("https://127.0.0.1:"), "{}", server.url);
+    assert!(server.binary.url.starts_with("https://127.0.0.1:"), "{}", server.binary.url);
     let made = server.keys(&["create", "--scope", "admin"]);
     assert!(made.status.success(), "{}", String::from_utf8_lossy(&made.stderr));
     let key = String::from_utf8(made.stdout).unwrap();
@@ -114,7 +105,7 @@ async fn a_new_certificate_is_used_after_sighup_and_a_bad_one_is_not() {
     let path = server.directory.path().join("certificate.pem");
     let before = std::fs::read(&path).unwrap();
     let hang_up = || {
-        let pid = server.child.id().to_string();
+        let pid = server.binary.pid().to_string();
         assert!(Command::new("kill").args(["-HUP", &pid]).status().unwrap().success());
     };
     std::fs::write(&path, "no certificate").unwrap();
