@@ -38,11 +38,11 @@ PER_BATCH, PER_TASK, PENDING = 20_000, 900, "waiting"
 class Server:
     """The real binary as a child process."""
 
-    def __init__(self, binary, database):
+    def __init__(self, binary, database, settings=("model.schedule=manual",)):
         environment = os.environ | {"TMPDIR": str(database.parent)}
         began = time.perf_counter()
         self.process = subprocess.Popen([binary, "--listen", "127.0.0.1:0", "--database", str(database),
-                                         "--set", 'log.filter="error"', "--set", "model.schedule=manual"],
+                                         "--set", 'log.filter="error"', *(f"--set={setting}" for setting in settings)],
                                         stdout=subprocess.PIPE, text=True, env=environment)
         self.address = self.process.stdout.readline().split()[-1].removeprefix("http://")
         self.listening_s = time.perf_counter() - began
