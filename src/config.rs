@@ -243,10 +243,17 @@ fn known() -> Table {
     let mut known = defaults();
     let settings = serde_json::to_value(ModelSettings::default()).expect("settings are plain data");
     let model = known.get_mut("model").and_then(Value::as_table_mut).expect("a section");
-    for name in settings.as_object().expect("an object").keys() {
-        model.entry(name.clone()).or_insert(Value::Boolean(false));
-    }
+    add_names(model, settings.as_object().expect("an object"));
     known
+}
+
+fn add_names(known: &mut Table, settings: &serde_json::Map<String, serde_json::Value>) {
+    for (name, setting) in settings {
+        let known = known.entry(name.clone()).or_insert(Value::Boolean(false));
+        if let (Value::Table(known), Some(settings)) = (known, setting.as_object()) {
+            add_names(known, settings);
+        }
+    }
 }
 
 /// Refuses names that no setting has, and numbers that are none.
@@ -318,6 +325,22 @@ mod tests {
         assert_eq!(config.model.strength, Some(Strength::Fixed(2.5)));
         let config = Config::resolve([Layer::one("--x", "model.strength", "auto")]).unwrap();
         assert!(config.model.searches_strength(Method::Ewc));
+    }
+
+    #[test]
+    fn what_the_manual_shows_without_a_default_can_be_set() {
+        let mut tried = 0;
+        let mut section = "";
+        for line in DEFAULTS.lines() {
+            section = line.strip_prefix('[').and_then(|line| line.strip_suffix(']')).unwrap_or(section);
+            let Some((name, value)) = line.strip_prefix("# ").and_then(|line| line.split_once(" = ")) else { continue };
+            if name.bytes().all(|byte| byte.is_ascii_lowercase() || byte == b'_') {
+                let shown = Layer::text("site.toml", &format!("[{section}]\n{name} = {value}")).unwrap();
+                Config::resolve([shown]).unwrap();
+                tried += 1;
+            }
+        }
+        assert_eq!(tried, 6);
     }
 
     #[test]
