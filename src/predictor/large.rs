@@ -5,6 +5,7 @@ use std::sync::Arc;
 use futures_util::future::try_join_all;
 use tokio::sync::Semaphore;
 
+use super::sync::spawn_blocking;
 use super::{Loaded, PredictError, Prediction, Predictor, Simulated};
 use crate::driver::Window;
 
@@ -22,7 +23,7 @@ async fn on_a_thread<R: Send + 'static>(
         let _turn = turn;
         work()
     };
-    tokio::task::spawn_blocking(work).await.map_err(|_| PredictError::Panicked)?
+    spawn_blocking(work).await.map_err(|_| PredictError::Panicked)?
 }
 
 impl Predictor {
