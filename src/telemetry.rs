@@ -132,6 +132,11 @@ fn describe() {
     describe_gauge!("headway_sources_held", Unit::Count, "Sources whose events wait until they are released.");
     describe_gauge!("headway_database_bytes", Unit::Bytes, "Of the database's file.");
     describe_gauge!("headway_database_wal_bytes", Unit::Bytes, "Of its write-ahead log.");
+    describe_gauge!(
+        "headway_database_wal_held_seconds",
+        Unit::Seconds,
+        "How long a reader has kept it from being emptied."
+    );
     describe_gauge!("headway_database_unused_bytes", Unit::Bytes, "Of pages in the file that nothing uses.");
     describe_gauge!("headway_tasks", Unit::Count, "Tasks queued and running.");
 }
@@ -225,6 +230,7 @@ impl Metrics {
         self.with(|| {
             gauge!("headway_database_bytes").set(size.database as f64);
             gauge!("headway_database_wal_bytes").set(size.log as f64);
+            gauge!("headway_database_wal_held_seconds").set(size.log_held.as_secs_f64());
             gauge!("headway_database_unused_bytes").set(size.unused as f64);
         });
     }

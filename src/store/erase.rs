@@ -5,7 +5,7 @@
 //! is freed, and [`Store::fold_log`] empties the write-ahead log, which would otherwise keep it until it is written over.
 
 use jiff::Timestamp;
-use sqlx::{AssertSqlSafe, Row, query};
+use sqlx::{Row, query};
 
 use super::column::stored_time;
 use super::{Purpose, Store, StoreError, WriteTransaction};
@@ -118,19 +118,5 @@ impl Store {
             .execute(&mut *transaction)
             .await?;
         transaction.commit().await
-    }
-
-    /// Writes the write-ahead log into the database and empties it. `false` when a reader was in the way; it is not waited
-    /// for, as whoever wants to write would wait too.
-    ///
-    /// # Errors
-    /// When the database cannot be written.
-    pub async fn fold_log(&self) -> Result<bool, StoreError> {
-        let mut writer = self.writer.acquire().await?;
-        query("pragma busy_timeout = 20").fetch_all(&mut *writer).await?;
-        let folded = query("pragma wal_checkpoint(truncate)").fetch_one(&mut *writer).await;
-        let usual = AssertSqlSafe(format!("pragma busy_timeout = {}", self.busy_timeout_ms));
-        query(usual).fetch_all(&mut *writer).await?;
-        Ok(folded?.try_get::<i64, _>("busy")? == 0)
     }
 }

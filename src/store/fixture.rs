@@ -21,6 +21,8 @@ pub(crate) fn settings(directory: &tempfile::TempDir) -> StoreSettings {
         readers: 2,
         busy_timeout_s: 5.0,
         writer_wait_s: 5.0,
+        log_bytes: 1 << 26,
+        log_wait_s: 0.2,
         statement_cache: 64,
         audit_entries: 1000,
         backup_before_migration: true,
@@ -47,6 +49,13 @@ impl Fixture {
     /// In a directory that may hold a database already.
     pub(crate) async fn within(directory: tempfile::TempDir) -> Self {
         let store = std::sync::Arc::new(Store::open(&settings(&directory)).await.unwrap());
+        Self { store, directory }
+    }
+
+    /// With other settings than usual.
+    pub(crate) async fn set(set: impl FnOnce(StoreSettings) -> StoreSettings) -> Self {
+        let directory = tempfile::tempdir().unwrap();
+        let store = std::sync::Arc::new(Store::open(&set(settings(&directory))).await.unwrap());
         Self { store, directory }
     }
 

@@ -30,6 +30,7 @@ mod ledger;
 mod line;
 /// Promote and rollback.
 pub mod live;
+mod log;
 /// Models: creating, reading, pausing.
 pub mod model;
 /// How a task ends.
@@ -81,8 +82,7 @@ pub struct Store {
     readers: SqlitePool,
     damage: damage::Damage,
     path: PathBuf,
-    /// As `SQLite` counts it.
-    busy_timeout_ms: u128,
+    log: log::Log,
     /// Held as long as the store lives: one process owns a database. None where it is only read.
     lock: Option<File>,
 }
@@ -94,7 +94,6 @@ impl Store {
     /// When another process owns it, it cannot be written, or it was made by a newer release.
     pub async fn open(settings: &StoreSettings) -> Result<Self, StoreError> {
         let lock = lock(&settings.path)?;
-        let busy_timeout = std::time::Duration::from_secs_f64(settings.busy_timeout_s);
         let options = SqliteConnectOptions::new()
             .filename(&settings.path)
             // What is erased is written over, wherever a page held it.
@@ -102,7 +101,7 @@ impl Store {
             .journal_mode(SqliteJournalMode::Wal)
             .synchronous(SqliteSynchronous::Full)
             .foreign_keys(true)
-            .busy_timeout(busy_timeout)
+            .busy_timeout(std::time::Duration::from_secs_f64(settings.busy_timeout_s))
             .statement_cache_capacity(settings.statement_cache);
         // What the writer notes changes with is of this release's tables, so these are made first.
         let first = SqlitePoolOptions::new().max_connections(1);
@@ -118,6 +117,7 @@ impl Store {
             .after_connect(|connection, _| Box::pin(audit::prepare(connection)))
             .connect_with(options.clone())
             .await?;
+        let log = log::Log::new(settings, options.clone());
         let readers = SqlitePoolOptions::new()
             .max_connections(settings.readers)
             .connect_with(options.pragma("query_only", "on"))
@@ -126,7 +126,7 @@ impl Store {
             writer,
             readers,
             path: settings.path.clone(),
-            busy_timeout_ms: busy_timeout.as_millis(),
+            log,
             damage: damage::Damage::default(),
             lock: Some(lock),
         };
@@ -148,8 +148,9 @@ impl Store {
         let options = SqliteConnectOptions::new().filename(path).read_only(true);
         let readers = SqlitePoolOptions::new().max_connections(2).connect_with(options).await?;
         let damage = damage::Damage::default();
+        let log = log::Log::absent(&readers);
         let (writer, path) = (readers.clone(), path.to_owned());
-        Ok(Self { writer, readers, damage, path, busy_timeout_ms: 0, lock: None })
+        Ok(Self { writer, readers, damage, path, log, lock: None })
     }
 
     /// The database's file.
@@ -171,6 +172,7 @@ impl Store {
     /// # Errors
     /// When the database cannot be written, or other changes take longer than `writer_wait_s`.
     pub async fn begin_for(&self, actor: &Actor) -> Result<WriteTransaction, StoreError> {
+        self.keep_log_short_before_a_change().await;
         let mut transaction = WriteTransaction::new(self.writer.begin_with("begin immediate").await?, &actor.name);
         audit::act(&mut transaction, actor).await?;
         Ok(transaction)
@@ -180,6 +182,7 @@ impl Store {
     /// on, whoever still holds this store.
     pub async fn close(&self) {
         self.readers.close().await;
+        self.log.close().await;
         self.writer.close().await;
         if let Some(Err(error)) = self.lock.as_ref().map(File::unlock) {
             tracing::warn!(%error, "the lock of the database goes with the process");

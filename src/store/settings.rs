@@ -17,6 +17,10 @@ pub struct StoreSettings {
     pub busy_timeout_s: f64,
     /// How long a change waits for the one connection that writes, s.
     pub writer_wait_s: f64,
+    /// Bytes beyond which the write-ahead log is emptied before the next change.
+    pub log_bytes: u64,
+    /// How long that waits for whoever reads, s.
+    pub log_wait_s: f64,
     /// Prepared statements kept per connection.
     pub statement_cache: usize,
     /// Entries of the audit log that are kept.
@@ -28,11 +32,13 @@ pub struct StoreSettings {
 impl StoreSettings {
     /// Every number, and the range it must lie in.
     #[must_use]
-    pub fn numbers(&self) -> [(&'static str, f64, RangeInclusive<f64>); 5] {
+    pub fn numbers(&self) -> [(&'static str, f64, RangeInclusive<f64>); 7] {
         [
             ("readers", self.readers.into(), 1.0..=256.0),
             ("busy_timeout_s", self.busy_timeout_s, 0.0..=3600.0),
             ("writer_wait_s", self.writer_wait_s, 0.01..=86_400.0),
+            ("log_bytes", self.log_bytes as f64, 65_536.0..=1e15),
+            ("log_wait_s", self.log_wait_s, 0.0..=60.0),
             ("statement_cache", self.statement_cache as f64, 1.0..=100_000.0),
             ("audit_entries", self.audit_entries.into(), 1000.0..=1e9),
         ]

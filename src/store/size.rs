@@ -1,11 +1,13 @@
 //! How large the database is, and giving back what it does not use.
 
+use std::time::Duration;
+
 use sqlx::{AssertSqlSafe, query};
 
 use super::column::count;
-use super::{Store, StoreError, beside};
+use super::{Store, StoreError};
 
-/// Bytes on the disk.
+/// What it takes of the disk; bytes, where nothing else is said.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct DatabaseSize {
     /// Of the database's file.
@@ -14,6 +16,8 @@ pub struct DatabaseSize {
     pub log: u64,
     /// Of pages in the file that nothing uses.
     pub unused: u64,
+    /// How long somebody who reads has kept the log from being emptied; zero when nobody does, or it is short.
+    pub log_held: Duration,
 }
 
 /// Pages of the file, those in the write-ahead log included.
@@ -31,9 +35,9 @@ impl Store {
     /// # Errors
     /// When the database cannot be read.
     pub async fn size(&self) -> Result<DatabaseSize, StoreError> {
-        let bytes = |path: &std::path::Path| std::fs::metadata(path).map_or(0, |found| found.len());
+        let database = std::fs::metadata(&self.path).map_or(0, |found| found.len());
         let Pages { size, unused, .. } = self.pages().await?;
-        Ok(DatabaseSize { database: bytes(&self.path), log: bytes(&beside(&self.path, "-wal")), unused: unused * size })
+        Ok(DatabaseSize { database, log: self.log_bytes(), unused: unused * size, log_held: self.log.held_for() })
     }
 
     /// Pages of the file that nothing uses.

@@ -79,6 +79,7 @@ impl Upkeep {
             }
         }
         if timed {
+            self.store.keep_log_short().await?;
             let models = self.models().await?;
             for model in &models {
                 self.retain(model).await?;

@@ -16,6 +16,8 @@ mod full;
 mod leaving;
 /// A life in which everything happens that changes a database.
 mod life;
+/// Readers, and how long the write-ahead log becomes.
+mod log;
 /// Which moments.
 mod plan;
 /// Killed before and after every commit.
