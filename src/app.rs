@@ -104,6 +104,7 @@ async fn assemble(
         stream_slots: slots(config.server.concurrent_streams),
         backup: config.backup,
         backup_slot: slots(1),
+        body_room: slots(config.server.json_bodies_bytes as usize),
         ingest: config.ingest,
         settings: config.server,
         model_defaults: config.model,

@@ -14,6 +14,7 @@ mod process;
 use std::fmt::Write as _;
 use std::io::Write as _;
 use std::sync::Arc;
+use std::time::Duration;
 
 use flate2::Compression;
 use flate2::write::GzEncoder;
@@ -26,6 +27,9 @@ use parquet::schema::parser::parse_message_type;
 use process::{Home, Process};
 use reqwest::{Body, Method};
 use serde_json::{Value, json};
+use tokio::io::{AsyncReadExt, AsyncWriteExt};
+use tokio::net::TcpStream;
+use tokio::time::timeout;
 
 const STEPS: u64 = 150;
 const BATCHES: &str = "/v1/models/default/batches?regime=fast";
@@ -181,6 +185,38 @@ async fn a_small_body_that_grows_does_not_take_memory_as_it_grows() {
     assert_eq!(status, 413);
     assert!(grown < 24 * MIB, "{} MiB for {told}", grown / MIB);
     process.get("/readyz").await;
+}
+
+#[tokio::test]
+async fn a_connection_takes_no_more_memory_than_its_head_may_be_long() {
+    const CONNECTIONS: u64 = 300;
+    const HEAD_BYTES: u64 = 65_536;
+    const PATIENCE: Duration = Duration::from_mins(1);
+    let home = Home::new(&["model.schedule=manual", "log.filter=warn", &format!("server.head_bytes={HEAD_BYTES}")]);
+    let process = home.start();
+    let Some(idle) = peak(&process) else { return };
+    let mut open = Vec::new();
+    for _ in 0..CONNECTIONS {
+        let mut stream = TcpStream::connect(process.url.trim_start_matches("http://")).await.unwrap();
+        stream.write_all(format!("GET /healthz HTTP/1.1\r\nx: {}", "y".repeat(60_000)).as_bytes()).await.unwrap();
+        open.push(stream);
+    }
+    let nearly = peak(&process).unwrap() - idle;
+    for stream in &mut open {
+        let more = "y".repeat(240_000);
+        // A server that has heard enough hangs up, and may tear up what it said on who is still sending.
+        let _ = timeout(PATIENCE, stream.write_all(more.as_bytes())).await.expect("it is read or refused");
+        let mut said = String::new();
+        let read = timeout(PATIENCE, stream.read_to_string(&mut said)).await.expect("the server hangs up");
+        assert!(said.starts_with("HTTP/1.1 431 ") || read.is_err(), "{said}");
+    }
+    let most = peak(&process).unwrap() - idle;
+    println!(
+        "{CONNECTIONS} heads of 60,000 bytes: {} KiB each, at most {} KiB",
+        nearly / CONNECTIONS / 1024,
+        most / CONNECTIONS / 1024
+    );
+    assert!(most < CONNECTIONS * 2 * HEAD_BYTES + 4 * MIB, "{} KiB for each connection", most / CONNECTIONS / 1024);
 }
 
 /// A Parquet file of so many zeros in each column, in one page.

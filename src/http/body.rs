@@ -14,6 +14,7 @@ use futures_util::Stream;
 use http_body_util::BodyExt;
 use serde::de::DeserializeOwned;
 use sha2::{Digest, Sha256};
+use tokio::sync::OwnedSemaphorePermit;
 
 use super::object::Object;
 use super::problem::{Code, InputError, Problem};
@@ -51,7 +52,8 @@ impl<T: DeserializeOwned + Send + 'static> Json<T> {
         B: HttpBody<Data = Bytes>,
         B::Error: Display,
     {
-        parse_somewhere(read(headers, body, app).await?).await.map(Self)
+        let body = read(headers, body, app).await?;
+        parse_somewhere(body).await.map(Self)
     }
 }
 
@@ -60,17 +62,32 @@ impl<T: DeserializeOwned + Send + 'static> FromRequest<Arc<AppState>> for JsonBo
 
     async fn from_request(request: Request, app: &Arc<AppState>) -> Result<Self, Problem> {
         let (parts, body) = request.into_parts();
-        let bytes = read(&parts.headers, body, app).await?;
+        let body = read(&parts.headers, body, app).await?;
         let mut hasher = Sha256::new();
         hasher.update(parts.uri.query().unwrap_or_default().as_bytes());
         hasher.update([0]);
-        hasher.update(&bytes);
-        Ok(Self { value: parse_somewhere(bytes).await?, request_sha256: hasher.finalize().into() })
+        hasher.update(&body.bytes);
+        Ok(Self { value: parse_somewhere(body).await?, request_sha256: hasher.finalize().into() })
     }
 }
 
+/// A body in memory, and the room it takes of what all of them may.
+struct Held {
+    bytes: Bytes,
+    _room: Option<OwnedSemaphorePermit>,
+}
+
+/// Room for so many more bytes of bodies.
+fn room(app: &AppState, bytes: usize) -> Result<OwnedSemaphorePermit, Problem> {
+    let full = "as many bytes of bodies as the server keeps at once are there";
+    u32::try_from(bytes)
+        .ok()
+        .and_then(|bytes| Arc::clone(&app.body_room).try_acquire_many_owned(bytes).ok())
+        .ok_or_else(|| Problem::busy(Code::Busy, full))
+}
+
 /// The whole of a JSON body, within `json_body_bytes`; not copied when it came in one piece.
-async fn read<B>(headers: &HeaderMap, body: B, app: &AppState) -> Result<Bytes, Problem>
+async fn read<B>(headers: &HeaderMap, body: B, app: &AppState) -> Result<Held, Problem>
 where
     B: HttpBody<Data = Bytes>,
     B::Error: Display,
@@ -84,14 +101,18 @@ where
     let mut body = std::pin::pin!(body);
     let first = next_chunk(body.as_mut(), &mut pace).await?.unwrap_or_default();
     within(first.len())?;
-    let Some(mut chunk) = next_chunk(body.as_mut(), &mut pace).await? else { return Ok(first) };
+    let Some(mut chunk) = next_chunk(body.as_mut(), &mut pace).await? else {
+        return Ok(Held { bytes: first, _room: None });
+    };
+    let mut taken = room(app, first.len())?;
     let mut bytes = Vec::from(first);
     loop {
         within(bytes.len() + chunk.len())?;
+        taken.merge(room(app, chunk.len())?);
         bytes.extend_from_slice(&chunk);
         match next_chunk(body.as_mut(), &mut pace).await? {
             Some(next) => chunk = next,
-            None => return Ok(bytes.into()),
+            None => return Ok(Held { bytes: bytes.into(), _room: Some(taken) }),
         }
     }
 }
@@ -193,12 +214,12 @@ fn is_json(headers: &HeaderMap) -> bool {
 }
 
 /// Long bodies are parsed off the async runtime.
-async fn parse_somewhere<T: DeserializeOwned + Send + 'static>(bytes: Bytes) -> Result<T, Problem> {
+async fn parse_somewhere<T: DeserializeOwned + Send + 'static>(body: Held) -> Result<T, Problem> {
     const INLINE_BYTES: usize = 64 * 1024;
-    if bytes.len() <= INLINE_BYTES {
-        return parse(&bytes);
+    if body.bytes.len() <= INLINE_BYTES {
+        return parse(&body.bytes);
     }
-    tokio::task::spawn_blocking(move || parse(&bytes)).await.map_err(Problem::internal)?
+    tokio::task::spawn_blocking(move || parse(&body.bytes)).await.map_err(Problem::internal)?
 }
 
 /// Keeping track of where in the body something is takes longer than to read it: done only once something is wrong.

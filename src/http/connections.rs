@@ -48,13 +48,15 @@ pub async fn serve(
     let connections = GracefulShutdown::new();
     let (free, telling) = (Arc::new(Semaphore::new(settings.connections)), Arc::new(Semaphore::new(TOLD)));
     let patience = Patience::new(settings);
+    let mut http = http1::Builder::new();
+    http.max_buf_size(settings.head_bytes);
     loop {
         tokio::select! {
             accepted = listener.accept() => match accepted {
                 Ok((stream, _)) => match Arc::clone(&free).try_acquire_owned() {
                     Ok(place) => {
-                        let (tls, interface) = (tls.clone(), interface.clone());
-                        tokio::spawn(receive(stream, tls, interface, patience, connections.watcher(), place));
+                        let answering = Answering { http: http.clone(), interface: interface.clone(), patience };
+                        tokio::spawn(receive(stream, tls.clone(), answering, connections.watcher(), place));
                     }
                     // Who expects to be spoken to under encryption understands nothing else.
                     Err(_) if tls.is_some() => {}
@@ -94,20 +96,26 @@ async fn tell_full(mut stream: TcpStream, _place: OwnedSemaphorePermit) {
     let _ = timeout(TELLING, told).await;
 }
 
+/// What a connection is answered with.
+struct Answering {
+    http: http1::Builder,
+    interface: Interface,
+    patience: Patience,
+}
+
 /// Takes one connection in, encrypted or not.
 async fn receive(
     stream: TcpStream,
     tls: Option<Arc<Tls>>,
-    interface: Interface,
-    patience: Patience,
+    answering: Answering,
     stop: Watcher,
     _place: OwnedSemaphorePermit,
 ) {
     // An answer is written at once and whole; waiting for more to send with it only delays it.
     let _ = stream.set_nodelay(true);
-    let Some(tls) = tls else { return answer(stream, interface, patience, stop).await };
+    let Some(tls) = tls else { return answer(stream, answering, stop).await };
     match tls.accept(stream).await {
-        Ok(stream) => answer(stream, interface, patience, stop).await,
+        Ok(stream) => answer(stream, answering, stop).await,
         Err(error) => tracing::debug!(%error, "no keys were agreed on"),
     }
 }
@@ -115,8 +123,7 @@ async fn receive(
 /// Answers the requests of one connection.
 async fn answer(
     stream: impl AsyncRead + AsyncWrite + Unpin + Send + 'static,
-    interface: Interface,
-    patience: Patience,
+    Answering { http, interface, patience }: Answering,
     stop: Watcher,
 ) {
     // Counted by this connection alone: threads that share a count for every request wait for each other.
@@ -133,7 +140,7 @@ async fn answer(
         }
     });
     let stream = TokioIo::new(Watched::new(stream, Arc::clone(&activity)));
-    let connection = http1::Builder::new().serve_connection(stream, service);
+    let connection = http.serve_connection(stream, service);
     tokio::select! {
         ended = stop.watch(connection) => if let Err(error) = ended {
             tracing::trace!(%error, "a connection broke");

@@ -134,6 +134,8 @@ pub struct AppState {
     pub stopping: watch::Receiver<bool>,
     /// Requests with an `Idempotency-Key` under way.
     pub in_flight: InFlight,
+    /// Bytes of JSON bodies at once.
+    pub body_room: Arc<Semaphore>,
     /// Uploads at once.
     pub upload_slots: Arc<Semaphore>,
     /// Predictions and simulations at once.

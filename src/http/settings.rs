@@ -17,8 +17,12 @@ pub struct ServerSettings {
     pub threads: usize,
     /// Largest JSON body of a call other than an upload, bytes.
     pub json_body_bytes: u64,
+    /// JSON bodies that came in more than one piece, all of them together while they are received and understood, bytes.
+    pub json_bodies_bytes: u32,
     /// Connections open at once; further ones are told 503.
     pub connections: usize,
+    /// Longest head, and what a connection reads and writes at once, bytes.
+    pub head_bytes: usize,
     /// A request whose head is not complete after so long is given up, s.
     pub head_s: f64,
     /// A body of which nothing comes for so long is given up, s.
@@ -79,11 +83,14 @@ impl ServerSettings {
 
     /// Every number, and the range it must lie in.
     #[must_use]
-    pub fn numbers(&self) -> [(&'static str, f64, RangeInclusive<f64>); 23] {
+    pub fn numbers(&self) -> [(&'static str, f64, RangeInclusive<f64>); 25] {
         [
             ("threads", self.threads as f64, 0.0..=1024.0),
             ("json_body_bytes", self.json_body_bytes as f64, 1.0..=1e9),
+            ("json_bodies_bytes", self.json_bodies_bytes.into(), 1.0..=4e9),
             ("connections", self.connections as f64, 1.0..=1e6),
+            // The HTTP library begins each connection with the smallest.
+            ("head_bytes", self.head_bytes as f64, 8192.0..=1e9),
             ("head_s", self.head_s, 0.01..=3600.0),
             ("body_idle_s", self.body_idle_s, 0.01..=86_400.0),
             ("body_bytes_per_s", self.body_bytes_per_s, 0.001..=1e12),

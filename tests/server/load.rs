@@ -1,7 +1,11 @@
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
 
 use futures_util::future::join_all;
+use reqwest::Method;
 use serde_json::{Value, json};
+use tokio::io::AsyncWriteExt;
+use tokio::net::TcpStream;
 
 use crate::support::events::{events, window};
 use crate::support::server::Server;
@@ -82,5 +86,35 @@ async fn more_windows_than_may_wait_are_told_to_come_back() {
     assert_eq!(refused.header("retry-after"), "1");
     server.post(PREDICT, &windows(4)).await.expect(200);
     server.post(PREDICT, &windows(9)).await.expect(200);
+    server.stop().await;
+}
+
+#[tokio::test]
+async fn long_bodies_that_would_take_more_memory_together_than_there_is_for_them_are_told_to_wait() {
+    const PATIENCE: Duration = Duration::from_mins(1);
+    let server = Server::start_with("[server]\njson_bodies_bytes = 300_000").await;
+    let long = format!("{}{{}}", " ".repeat(200_000));
+    let asked = async || {
+        let request = server.request(Method::POST, "/v1/models").header("content-type", "application/json");
+        server.send(request.body(long.clone())).await
+    };
+    let asked_until = async |status: u16| {
+        let since = Instant::now();
+        while asked().await.status != status {
+            assert!(since.elapsed() < PATIENCE, "never {status}");
+        }
+    };
+    asked().await.expect(422);
+    let mut other = TcpStream::connect(server.url.trim_start_matches("http://")).await.unwrap();
+    let head =
+        "POST /v1/models HTTP/1.1\r\nhost: x\r\ncontent-type: application/json\r\ncontent-length: 200003\r\n\r\n";
+    other.write_all(format!("{head}{long}").as_bytes()).await.unwrap();
+    // Its last byte does not come, so what came of it stays in memory.
+    asked_until(503).await;
+    let refused = asked().await.expect_problem(503, "busy");
+    assert_eq!(refused.header("retry-after"), "1");
+    server.post("/v1/models", &json!({})).await.expect(422);
+    drop(other);
+    asked_until(422).await;
     server.stop().await;
 }
