@@ -1,5 +1,8 @@
 //! Logs to stderr, and metrics for `/metrics`.
 
+/// Panics in the log.
+mod panics;
+
 use std::collections::HashMap;
 use std::hash::Hash;
 use std::sync::{Arc, PoisonError, RwLock};
@@ -12,6 +15,8 @@ use metrics_exporter_prometheus::{PrometheusBuilder, PrometheusHandle, Prometheu
 use serde::{Deserialize, Serialize};
 use tracing_subscriber::EnvFilter;
 use tracing_subscriber::fmt;
+
+pub use panics::log_panics;
 
 use crate::store::{DatabaseSize, ModelCensus};
 

@@ -59,6 +59,7 @@ pub(super) fn run(arguments: &ServeArguments) -> anyhow::Result<()> {
     }
     let config = arguments.resolve()?;
     telemetry::start_logging(&config.log).context("log.filter")?;
+    telemetry::log_panics();
     let mut runtime = tokio::runtime::Builder::new_multi_thread();
     if config.server.threads > 0 {
         runtime.worker_threads(config.server.threads);

@@ -13,6 +13,8 @@ mod csv;
 mod draft;
 /// What makes a whole body unusable.
 mod error;
+/// Code of libraries that may panic.
+mod guarded;
 /// JSON: a document with `events`.
 mod json;
 /// One JSON event, read so that a bad value rejects the event and not the body.
@@ -39,6 +41,7 @@ use std::fs::File;
 
 pub use columns::Preset;
 pub use error::FormatError;
+pub use guarded::is_guarded;
 pub use limits::{FormatLimits, FormatLimitsError};
 pub use media::{Encoding, Format};
 pub use output::Sink;

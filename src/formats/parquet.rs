@@ -2,7 +2,6 @@
 
 use std::fs::File;
 use std::io::{BufReader, Read, Seek, SeekFrom};
-use std::panic::{AssertUnwindSafe, catch_unwind};
 
 use ::parquet::errors::ParquetError;
 use ::parquet::file::reader::{ChunkReader, FileReader, Length, RowGroupReader, SerializedFileReader};
@@ -10,6 +9,7 @@ use bytes::Bytes;
 
 use super::cells::{Column, check};
 use super::columns::{Preset, Role};
+use super::guarded::guarded;
 use super::output::Output;
 use super::rows::Rows;
 use super::{FormatError, FormatLimits, pages};
@@ -138,16 +138,6 @@ fn bounded(reader: &SerializedFileReader<Bounded>, limits: &FormatLimits) -> Res
         return Err(FormatError::TooLarge { code: "body_too_large", detail });
     }
     Ok(())
-}
-
-/// Runs code of the Parquet library, which fails on some malformed files by panicking.
-fn guarded<T>(run: impl FnOnce() -> Result<T, ParquetError>) -> Result<T, FormatError> {
-    match catch_unwind(AssertUnwindSafe(run)) {
-        Ok(Ok(value)) => Ok(value),
-        Ok(Err(ParquetError::EOF(detail))) => Err(FormatError::Truncated { detail }),
-        Ok(Err(error)) => Err(FormatError::malformed(None, &error)),
-        Err(_) => Err(FormatError::malformed(None, &"the file contradicts itself")),
-    }
 }
 
 /// A file from which no more is asked than it holds: the library allocates what a file's metadata says.

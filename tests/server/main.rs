@@ -43,6 +43,8 @@ mod migrations;
 mod models;
 /// Lists.
 mod paging;
+/// What panics leave in the log.
+mod panics;
 /// Predictions and simulations.
 mod predict;
 /// Requests that are wrong.

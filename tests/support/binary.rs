@@ -1,5 +1,6 @@
 //! The real binary as a child process that goes with its owner.
 
+use std::fs::File;
 use std::io::{BufRead, BufReader};
 use std::process::{Child, Command, Stdio};
 
@@ -13,8 +14,17 @@ pub(crate) struct Binary {
 impl Binary {
     /// Starts it and waits until it listens.
     pub(crate) fn start(arguments: &[&str]) -> Self {
+        Self::of(Command::new(env!("CARGO_BIN_EXE_headway")).args(arguments).stderr(Stdio::null()))
+    }
+
+    /// Starts it with these fail points and its log in a file, and waits until it listens.
+    pub(crate) fn start_with_log(arguments: &[&str], points: &str, log: File) -> Self {
         let mut command = Command::new(env!("CARGO_BIN_EXE_headway"));
-        let mut child = command.args(arguments).stdout(Stdio::piped()).stderr(Stdio::null()).spawn().unwrap();
+        Self::of(command.args(arguments).env("FAILPOINTS", points).env_remove("RUST_BACKTRACE").stderr(log))
+    }
+
+    fn of(command: &mut Command) -> Self {
+        let mut child = command.stdout(Stdio::piped()).spawn().unwrap();
         let mut first = String::new();
         BufReader::new(child.stdout.take().unwrap()).read_line(&mut first).unwrap();
         let url = first.trim().strip_prefix("listening on ").unwrap_or_else(|| panic!("it says {first:?}")).to_owned();
