@@ -8,6 +8,8 @@ mod bench;
 mod compact;
 /// The whole main job, shown.
 mod demo;
+/// Whether a server can serve.
+mod healthy;
 /// Who may use a server.
 mod keys;
 /// How far a look at a database is, on stderr.
@@ -57,6 +59,8 @@ enum Command {
     Backup(backup::BackupArguments),
     /// Put a copy in the place of a database.
     Restore(restore::RestoreArguments),
+    /// Ask whether the server on this machine can serve, as the health check of a container does.
+    Healthy(healthy::HealthyArguments),
     /// Measure how fast this machine learns and answers.
     Bench(bench::BenchArguments),
 }
@@ -77,6 +81,7 @@ pub fn run() -> anyhow::Result<()> {
         Command::Verify(arguments) => verify::run(&arguments),
         Command::Backup(arguments) => backup::run(&arguments),
         Command::Restore(arguments) => restore::run(&arguments),
+        Command::Healthy(arguments) => healthy::run(&arguments),
         Command::Bench(arguments) => bench::run(&arguments),
     }
 }

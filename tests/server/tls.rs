@@ -1,3 +1,4 @@
+use std::fs::File;
 use std::path::Path;
 use std::process::{Command, Output};
 use std::sync::Arc;
@@ -33,13 +34,18 @@ struct Encrypted {
 
 impl Encrypted {
     fn start() -> Self {
+        Self::start_with(&[])
+    }
+
+    fn start_with(settings: &[&str]) -> Self {
         let directory = tempfile::tempdir().unwrap();
         certify(directory.path());
         let file = |name: &str| directory.path().join(name).to_str().unwrap().to_owned();
         let certificate = format!("server.tls.certificate={}", file("certificate.pem"));
         let key = format!("server.tls.key={}", file("key.pem"));
         let place = ["--listen", "127.0.0.1:0", "--database", &file("headway.db")];
-        let binary = Binary::start(&[&place[..], &["--set", &certificate, "--set", &key]].concat());
+        let arguments = [&place[..], &["--set", &certificate, "--set", &key], settings].concat();
+        let binary = Binary::start_with_log(&arguments, "", File::create(file("log")).unwrap());
         Self { directory, binary }
     }
 
@@ -100,6 +106,45 @@ async fn connections_are_encrypted_with_the_certificate_from_a_file() {
 }
 
 #[tokio::test]
+async fn files_that_have_changed_are_used_by_themselves_and_those_that_cannot_be_are_told_of() {
+    let server = Encrypted::start_with(&["--set", "server.tls.look_s=0.05"]);
+    let [path, key] = ["certificate.pem", "key.pem"].map(|name| server.directory.path().join(name));
+    let [before, own_key] = [&path, &key].map(|file| std::fs::read(file).unwrap());
+    let refused = || {
+        let log = std::fs::read_to_string(server.directory.path().join("log")).unwrap();
+        log.matches("the certificate before stays in use").count()
+    };
+    certify(server.directory.path());
+    let [after, after_key] = [&path, &key].map(|file| std::fs::read(file).unwrap());
+    let patience = Instant::now() + Duration::from_mins(1);
+    while server.connect(&after).await.is_err() {
+        assert!(Instant::now() < patience, "the new certificate is not used");
+    }
+    // No certificate, a cut one, one without its key, none there.
+    let cut = &before[..before.len() / 2];
+    for (certificate, key_of) in
+        [(Some(&b"none"[..]), &own_key), (Some(cut), &own_key), (Some(&before), &after_key), (None, &own_key)]
+    {
+        match certificate {
+            Some(text) => std::fs::write(&path, text).unwrap(),
+            None => std::fs::remove_file(&path).unwrap(),
+        }
+        std::fs::write(&key, key_of).unwrap();
+        let so_far = refused();
+        // Whichever look finds them half changed, the second from now finds them as they are.
+        while refused() < so_far + 2 {
+            assert!(Instant::now() < patience, "nothing is said of {certificate:?}");
+            tokio::task::yield_now().await;
+        }
+        server.connect(&after).await.unwrap();
+    }
+    std::fs::write(&path, &before).unwrap();
+    while server.connect(&before).await.is_err() {
+        assert!(Instant::now() < patience, "the certificate that is back is not used");
+    }
+}
+
+#[tokio::test]
 async fn a_new_certificate_is_used_after_sighup_and_a_bad_one_is_not() {
     let server = Encrypted::start();
     let path = server.directory.path().join("certificate.pem");
@@ -120,6 +165,33 @@ async fn a_new_certificate_is_used_after_sighup_and_a_bad_one_is_not() {
         assert!(Instant::now() < patience, "the new certificate is not used");
     }
     assert!(server.connect(&before).await.is_err(), "the certificate before is not used any more");
+}
+
+/// What the health check of a container says of a server that the environment does not describe but for its address.
+fn check_health(url: &str) -> Output {
+    let address = url.split_once("://").unwrap().1;
+    let mut command = Command::new(env!("CARGO_BIN_EXE_headway"));
+    command.arg("healthy").env("HEADWAY_SERVER__LISTEN", address).output().unwrap()
+}
+
+#[test]
+fn the_health_check_finds_a_server_that_encrypts_and_asks_for_keys_and_one_that_does_not() {
+    let server = Encrypted::start();
+    assert!(server.keys(&["create", "--scope", "admin"]).status.success());
+    assert!(!server.keys(&["list"]).status.success(), "it asks for a key");
+    let plain = server.directory.path().join("plain.db");
+    let plain = Binary::start(&["--listen", "127.0.0.1:0", "--database", plain.to_str().unwrap()]);
+    for url in [&server.binary.url, &plain.url] {
+        let healthy = check_health(url);
+        assert!(healthy.status.success(), "{url}: {}", String::from_utf8_lossy(&healthy.stderr));
+        let command = [env!("CARGO_BIN_EXE_headway"), "healthy", "--server", url];
+        assert!(Command::new(command[0]).args(&command[1..]).status().unwrap().success(), "{url}");
+    }
+    let url = server.binary.url.clone();
+    drop(server);
+    let gone = check_health(&url);
+    assert_eq!(gone.status.code(), Some(1));
+    assert!(String::from_utf8_lossy(&gone.stderr).contains("cannot speak to"), "{gone:?}");
 }
 
 #[test]
