@@ -81,6 +81,12 @@ create temp trigger noted_move after insert on history when new.action <> 'retra
         json_object('history_id', 'h' || new.history_id, 'from', new.from_live, 'reason', new.reason), new.actor);
 end;
 
+-- A copy changes nothing here, and hands out everything: what is said of it is kept in no other table.
+create temp view backup_taken as select '' as name, 0 as bytes;
+create temp trigger noted_backup instead of insert on backup_taken begin
+    insert into noted values ('backup.take', null, new.name, json_object('bytes', new.bytes), null);
+end;
+
 create temp trigger noted_key after insert on access_key begin
     insert into noted values ('key.create', null, new.key_id,
         json_object('scopes', json(new.scopes), 'models', json(new.models), 'expires_at', new.expires_at), null);

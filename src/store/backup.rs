@@ -13,7 +13,7 @@ use sqlx::{ConnectOptions as _, Connection as _, query};
 use tempfile::TempPath;
 
 use super::verify::{self, Looking, Verification};
-use super::{Store, StoreError, beside, lock};
+use super::{Purpose, Store, StoreError, WriteTransaction, beside, lock};
 
 /// A moment in the name of a file.
 pub(super) const NAMED: &str = "%Y%m%dT%H%M%S%.6fZ";
@@ -216,7 +216,7 @@ impl BackupSettings {
         read().map_err(refused(&self.folder))
     }
 
-    /// Takes and verifies a backup of the store's database; then the oldest beyond `keep` go.
+    /// Takes and verifies a backup of the store's database.
     ///
     /// # Errors
     /// When it cannot be taken, or is not sound.
@@ -225,11 +225,37 @@ impl BackupSettings {
         let name = format!("{PREFIX}{}{SUFFIX}", Timestamp::now().strftime(NAMED));
         let to = self.folder.join(&name);
         backup(store.path(), &to, false, &|_| ()).await?;
-        let listed = self.list()?;
-        for old in listed.iter().skip(self.keep as usize) {
-            fs::remove_file(self.folder.join(&old.name)).map_err(refused(&self.folder))?;
-        }
         let gone = || StoreError::Absent { path: to.clone() };
-        listed.into_iter().find(|backup| backup.name == name).ok_or_else(gone)
+        self.list()?.into_iter().find(|backup| backup.name == name).ok_or_else(gone)
     }
+
+    /// Takes the oldest away, beyond `keep`.
+    ///
+    /// # Errors
+    /// When a file cannot be deleted.
+    pub fn trim(&self) -> Result<(), StoreError> {
+        self.list()?.iter().skip(self.keep as usize).try_for_each(|old| self.discard(old))
+    }
+
+    /// Takes one away.
+    ///
+    /// # Errors
+    /// When the file cannot be deleted.
+    pub fn discard(&self, backup: &Backup) -> Result<(), StoreError> {
+        fs::remove_file(self.folder.join(&backup.name)).map_err(refused(&self.folder))
+    }
+}
+
+/// Notes in the audit log that a backup was taken.
+///
+/// # Errors
+/// When the database cannot be written.
+pub async fn note(transaction: &mut WriteTransaction, backup: &Backup) -> Result<(), StoreError> {
+    transaction.is_for(Purpose::BackupTaken);
+    query("insert into backup_taken (name, bytes) values (?, ?)")
+        .bind(&backup.name)
+        .bind(i64::try_from(backup.bytes).unwrap_or(i64::MAX))
+        .execute(&mut **transaction)
+        .await?;
+    Ok(())
 }

@@ -55,6 +55,8 @@ pub enum Purpose {
     VersionPruned,
     /// A source may train again.
     SourceReleased,
+    /// A backup was taken.
+    BackupTaken,
     /// A key is made.
     KeyCreated,
     /// A key is revoked.
@@ -63,7 +65,7 @@ pub enum Purpose {
 
 impl Purpose {
     /// Every purpose.
-    pub const ALL: [Self; 24] = [
+    pub const ALL: [Self; 25] = [
         Self::ModelCreated,
         Self::ModelPaused,
         Self::BatchUploaded,
@@ -86,6 +88,7 @@ impl Purpose {
         Self::EventsPruned,
         Self::VersionPruned,
         Self::SourceReleased,
+        Self::BackupTaken,
         Self::KeyCreated,
         Self::KeyRevoked,
     ];
@@ -116,6 +119,7 @@ impl Purpose {
             Self::EventsPruned => "events_pruned",
             Self::VersionPruned => "version_pruned",
             Self::SourceReleased => "source_released",
+            Self::BackupTaken => "backup_taken",
             Self::KeyCreated => "key_created",
             Self::KeyRevoked => "key_revoked",
         }

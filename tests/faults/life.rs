@@ -17,6 +17,7 @@ pub(crate) fn let_in(home: &mut Home) {
     let path = home.path().join("key");
     std::fs::write(&path, KEY).unwrap();
     home.set(&format!("access.key_file={}", path.display()));
+    home.set(&format!("backup.folder={}", home.path().join("backups").display()));
 }
 
 /// A server that dies now and then, and a client that sends again what was not answered.
@@ -69,6 +70,7 @@ impl<'a> Life<'a> {
         self.release_source().await;
         self.prune().await;
         self.change_keys().await;
+        self.create("/v1/backup", &json!({}), 201).await;
         self.outcome().await
     }
 

@@ -9,7 +9,10 @@ use crate::support::server::Server;
 
 /// Leads a server through it and stops it; its database is left.
 pub(crate) async fn lead() -> TempDir {
-    let server = Server::start_with("[training]\ntrigger_interval_s = 0.05").await;
+    let backups = tempfile::tempdir().unwrap();
+    let folder = backups.path().display();
+    let settings = format!("[training]\ntrigger_interval_s = 0.05\n[backup]\nfolder = \"{folder}\"");
+    let server = Server::start_with(&settings).await;
     upload(&server).await;
     learn(&server).await;
     unlearn(&server).await;
@@ -166,6 +169,7 @@ async fn manage_keys(server: &mut Server) {
     let path = format!("/v1/keys/{}", &key[3..19]);
     server.get(&path).await.expect(200);
     server.get("/v1/audit").await.expect(200);
+    server.post_with_key("/v1/backup", "a backup", &json!({})).await.expect(201);
     server.get("/v1/audit?model=ewc").await.expect(200);
     server.send(server.request(Method::DELETE, &path)).await.expect(200);
 }

@@ -97,6 +97,30 @@ async fn a_server_writes_backups_into_its_own_folder_and_keeps_the_newest() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_backup_that_is_asked_for_again_is_the_same_one_and_the_audit_log_says_who_asked() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut server = Server::start_with(&format!("[backup]\nfolder = \"{}\"\nkeep = 2", text(folder.path()))).await;
+    server.close_gate().await;
+    let first = server.post_with_key("/v1/backup", "nightly", &json!({})).await.expect(201);
+    for _ in 0..2 {
+        let again = server.post_with_key("/v1/backup", "nightly", &json!({})).await.expect(201);
+        assert_eq!((again.text.as_str(), again.header("idempotency-replayed")), (first.text.as_str(), "true"));
+    }
+    assert_eq!(server.get("/v1/backup").await["backups"], json!([first.body]));
+    let other = server.post_with_key("/v1/backup", "next", &json!({})).await.expect(201);
+    assert_eq!(server.get("/v1/backup").await["backups"], json!([other.body, first.body]));
+    let log = server.get("/v1/audit").await.expect(200);
+    let taken = log["audit"].as_array().unwrap().iter().filter(|entry| entry["action"] == "backup.take");
+    let admin = &server.key.as_deref().unwrap()[3..19];
+    let told: Vec<_> = taken.map(|it| ["actor", "resource"].map(|name| it[name].as_str().unwrap())).collect();
+    assert_eq!(told, [&first, &other].map(|taken| [admin, taken["name"].as_str().unwrap()]));
+    // The copy itself was made before anything was said about it.
+    let copied = folder.path().join(first["name"].as_str().unwrap());
+    assert!(verify(&copied, &|_| ()).await.unwrap().is_sound());
+    server.stop().await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn without_a_folder_a_server_takes_none() {
     let server = Server::start().await;
     server.post("/v1/backup", &json!({})).await.expect_problem(409, "no_backup_folder");
