@@ -35,7 +35,7 @@ pub async fn serve(
     ready: impl FnOnce(SocketAddr) -> std::io::Result<()>,
     shutdown: impl Future<Output = ()>,
 ) -> anyhow::Result<()> {
-    let drain = Duration::from_secs_f64(config.server.drain_s);
+    let [drain, close] = [config.server.drain_s, config.server.close_s].map(Duration::from_secs_f64);
     let database = config.database.path.clone();
     let (stop, stopping) = watch::channel(false);
     let background = Background::start()?;
@@ -65,15 +65,12 @@ pub async fn serve(
     stop.send_replace(true);
     scheduler.shut_down();
     parts.drain(deadline).await;
-    if timeout_at(deadline + LAST_WRITES, store.close()).await.is_err() {
+    if timeout_at(deadline + close, store.close()).await.is_err() {
         tracing::warn!("the database was not closed in time; its write-ahead log is read at the next start");
     }
     tracing::info!("stopped");
     Ok(())
 }
-
-/// What is left after the drain: folding the write-ahead log back.
-const LAST_WRITES: Duration = Duration::from_secs(5);
 
 /// Opens the database, refuses to answer strangers, and loads what serves.
 async fn assemble(

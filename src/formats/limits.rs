@@ -12,6 +12,8 @@ pub struct FormatLimits {
     pub max_event_bytes: u64,
     /// Most bytes a page of a Parquet file may decompress to: one of each column is in memory.
     pub max_page_bytes: u64,
+    /// Largest window of a zstd frame, bytes: what a frame may make the decoder hold in memory.
+    pub max_zstd_window_bytes: u64,
     /// Most steps of one event.
     pub max_steps: u32,
     /// Most events of one body, rejected ones included.
@@ -26,6 +28,7 @@ impl Default for FormatLimits {
             max_decompressed_bytes: 8 << 30,
             max_event_bytes: 16 << 20,
             max_page_bytes: 64 << 20,
+            max_zstd_window_bytes: 32 << 20,
             max_steps: 6000,
             max_events: 500_000,
             max_text_bytes: 512,
@@ -48,6 +51,7 @@ impl FormatLimits {
             ("max_decompressed_bytes", self.max_decompressed_bytes),
             ("max_event_bytes", self.max_event_bytes),
             ("max_page_bytes", self.max_page_bytes),
+            ("max_zstd_window_bytes", self.max_zstd_window_bytes),
             ("max_steps", self.max_steps.into()),
             ("max_events", self.max_events.into()),
             ("max_text_bytes", self.max_text_bytes.into()),

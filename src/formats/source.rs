@@ -3,13 +3,14 @@
 use std::cell::Cell;
 use std::fs::File;
 use std::io::{self, BufRead, BufReader, Read, Seek, SeekFrom};
+use std::ops::RangeInclusive;
 use std::rc::Rc;
 
 use super::{Encoding, FormatError, FormatLimits};
 
 const BUFFER_BYTES: usize = 64 << 10;
-/// Largest window of a zstd frame, as a power of two: what a frame may make the decoder hold in memory.
-const ZSTD_WINDOW_LOG: u32 = 25;
+/// Windows of zstd frames that its library knows, as powers of two.
+const ZSTD_WINDOW_LOG: RangeInclusive<u32> = 10..=31;
 
 /// The disk failed, not the body.
 #[derive(Debug, thiserror::Error)]
@@ -41,6 +42,8 @@ impl Excess {
 pub(super) struct Budget {
     max_body: u64,
     max_event: u64,
+    /// Largest window of a zstd frame, as a power of two.
+    zstd_window_log: u32,
     body: Cell<u64>,
     event: Cell<u64>,
 }
@@ -92,6 +95,11 @@ pub(super) fn open(mut file: File, limits: &FormatLimits) -> Result<(RawBody, Rc
     let budget = Budget {
         max_body: limits.max_decompressed_bytes,
         max_event: limits.max_event_bytes,
+        zstd_window_log: limits
+            .max_zstd_window_bytes
+            .max(1)
+            .ilog2()
+            .clamp(*ZSTD_WINDOW_LOG.start(), *ZSTD_WINDOW_LOG.end()),
         body: Cell::new(limits.max_decompressed_bytes),
         event: Cell::new(0),
     };
@@ -116,7 +124,7 @@ pub(super) fn decompress(
         }
         Encoding::Zstd => {
             let mut decoder = zstd::stream::read::Decoder::new(body)?;
-            decoder.window_log_max(ZSTD_WINDOW_LOG)?;
+            decoder.window_log_max(budget.zstd_window_log)?;
             counted(decoder, budget)
         }
     })

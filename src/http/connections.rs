@@ -24,12 +24,6 @@ use super::{ServerSettings, stopped};
 /// once would only take its time.
 const PAUSE: Duration = Duration::from_secs(1);
 
-/// How many of those who find the server full are told so at once; the others are hung up on.
-const TOLD: usize = 256;
-
-/// How long somebody may take to hear that the server is full.
-const TELLING: Duration = Duration::from_secs(2);
-
 /// What a client is told when as many connections are open as the server keeps.
 const FULL: &[u8] = b"HTTP/1.1 503 Service Unavailable\r\ncontent-type: application/problem+json\r\nretry-after: 1\r\n\
     connection: close\r\ncontent-length: 172\r\n\r\n\
@@ -46,7 +40,8 @@ pub async fn serve(
     mut stopping: watch::Receiver<bool>,
 ) {
     let connections = GracefulShutdown::new();
-    let (free, telling) = (Arc::new(Semaphore::new(settings.connections)), Arc::new(Semaphore::new(TOLD)));
+    let (free, telling) = (Arc::new(Semaphore::new(settings.connections)), Arc::new(Semaphore::new(settings.refused_at_once)));
+    let hearing = Duration::from_secs_f64(settings.refusal_s);
     let patience = Patience::new(settings);
     let mut http = http1::Builder::new();
     http.max_buf_size(settings.head_bytes);
@@ -62,7 +57,7 @@ pub async fn serve(
                     Err(_) if tls.is_some() => {}
                     Err(_) => {
                         if let Ok(place) = Arc::clone(&telling).try_acquire_owned() {
-                            tokio::spawn(tell_full(stream, place));
+                            tokio::spawn(tell_full(stream, hearing, place));
                         }
                     }
                 },
@@ -85,7 +80,7 @@ fn of_the_client(error: &Error) -> bool {
 }
 
 /// Says that the server is full, and waits until the client has heard it: closing at once would tear up what is on its way.
-async fn tell_full(mut stream: TcpStream, _place: OwnedSemaphorePermit) {
+async fn tell_full(mut stream: TcpStream, hearing: Duration, _place: OwnedSemaphorePermit) {
     let told = async {
         stream.write_all(FULL).await?;
         stream.shutdown().await?;
@@ -93,7 +88,7 @@ async fn tell_full(mut stream: TcpStream, _place: OwnedSemaphorePermit) {
         while stream.read(&mut rest).await? > 0 {}
         Ok::<_, Error>(())
     };
-    let _ = timeout(TELLING, told).await;
+    let _ = timeout(hearing, told).await;
 }
 
 /// What a connection is answered with.

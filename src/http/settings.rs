@@ -25,6 +25,10 @@ pub struct ServerSettings {
     pub head_bytes: usize,
     /// A request whose head is not complete after so long is given up, s.
     pub head_s: f64,
+    /// Clients at once that are told that no further connection is kept.
+    pub refused_at_once: usize,
+    /// How long each of them may take to hear it, s.
+    pub refusal_s: f64,
     /// A body of which nothing comes for so long is given up, s.
     pub body_idle_s: f64,
     /// A body that comes more slowly than this over its whole length is given up, bytes/s; its first `body_idle_s` do not count.
@@ -59,6 +63,8 @@ pub struct ServerSettings {
     pub idempotency_keep_s: u32,
     /// How long requests under way may take after the server was told to stop, s.
     pub drain_s: f64,
+    /// How long closing the database may take after that, s.
+    pub close_s: f64,
     /// Origins of web pages whose scripts may use the interface; none: no page's.
     pub cors_origins: Vec<String>,
     /// Encryption.
@@ -83,7 +89,7 @@ impl ServerSettings {
 
     /// Every number, and the range it must lie in.
     #[must_use]
-    pub fn numbers(&self) -> [(&'static str, f64, RangeInclusive<f64>); 25] {
+    pub fn numbers(&self) -> [(&'static str, f64, RangeInclusive<f64>); 28] {
         [
             ("threads", self.threads as f64, 0.0..=1024.0),
             ("json_body_bytes", self.json_body_bytes as f64, 1.0..=1e9),
@@ -92,6 +98,8 @@ impl ServerSettings {
             // The HTTP library begins each connection with the smallest.
             ("head_bytes", self.head_bytes as f64, 8192.0..=1e9),
             ("head_s", self.head_s, 0.01..=3600.0),
+            ("refused_at_once", self.refused_at_once as f64, 0.0..=1e6),
+            ("refusal_s", self.refusal_s, 0.01..=3600.0),
             ("body_idle_s", self.body_idle_s, 0.01..=86_400.0),
             ("body_bytes_per_s", self.body_bytes_per_s, 0.001..=1e12),
             ("answer_idle_s", self.answer_idle_s, 0.01..=86_400.0),
@@ -109,6 +117,7 @@ impl ServerSettings {
             ("wait_max_s", self.wait_max_s, 0.0..=86_400.0),
             ("idempotency_keep_s", self.idempotency_keep_s.into(), 0.0..=31_536_000.0),
             ("drain_s", self.drain_s, 0.0..=86_400.0),
+            ("close_s", self.close_s, 0.01..=86_400.0),
             ("tls.handshake_s", self.tls.handshake_s, 0.01..=3600.0),
             ("tls.look_s", self.tls.look_s, 0.01..=86_400.0),
         ]

@@ -5,17 +5,21 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use super::Store;
 
-/// Most versions that are remembered. A database with more of them is of no use as it is; `headway verify` lists all.
-const MOST: usize = 1000;
-
-/// What was found, by model and version.
-#[derive(Debug, Default)]
-pub(super) struct Damage(Mutex<BTreeMap<(i64, i64), String>>);
+/// What was found, by model and version, of no more versions than are remembered.
+#[derive(Debug)]
+pub(super) struct Damage {
+    most: usize,
+    found: Mutex<BTreeMap<(i64, i64), String>>,
+}
 
 impl Damage {
+    pub(super) fn new(most: usize) -> Self {
+        Self { most, found: Mutex::default() }
+    }
+
     fn found(&self) -> MutexGuard<'_, BTreeMap<(i64, i64), String>> {
         // Whole between any two of its calls.
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+        self.found.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
@@ -23,7 +27,7 @@ impl Store {
     /// Remembers that a version is corrupt, and how.
     pub fn note_corrupt(&self, model_id: i64, version: i64, detail: impl Into<String>) {
         let mut found = self.damage.found();
-        if found.len() < MOST {
+        if found.len() < self.damage.most {
             found.entry((model_id, version)).or_insert_with(|| detail.into());
         }
     }
@@ -38,5 +42,23 @@ impl Store {
     #[must_use]
     pub fn corrupt_versions(&self, model_id: i64) -> usize {
         self.damage.found().range((model_id, i64::MIN)..=(model_id, i64::MAX)).count()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::store::fixture::settings;
+    use crate::store::{Store, StoreSettings};
+
+    #[tokio::test]
+    async fn no_more_corrupt_versions_are_remembered_than_the_settings_say() {
+        let directory = tempfile::tempdir().unwrap();
+        let store = Store::open(&StoreSettings { corrupt_versions: 2, ..settings(&directory) }).await.unwrap();
+        for version in 1..=3 {
+            store.note_corrupt(1, version, "a bit has flipped");
+        }
+        assert_eq!(store.corrupt_versions(1), 2);
+        assert_eq!(store.corruption(1, 2).as_deref(), Some("a bit has flipped"));
+        assert_eq!(store.corruption(1, 3), None);
     }
 }

@@ -25,6 +25,7 @@ pub(crate) fn settings(directory: &tempfile::TempDir) -> StoreSettings {
         log_wait_s: 0.2,
         statement_cache: 64,
         audit_entries: 1000,
+        corrupt_versions: 1000,
         backup_before_migration: true,
     }
 }

@@ -127,7 +127,7 @@ impl Store {
             readers,
             path: settings.path.clone(),
             log,
-            damage: damage::Damage::default(),
+            damage: damage::Damage::new(settings.corrupt_versions),
             lock: Some(lock),
         };
         let mut transaction = store.begin().await?;
@@ -147,7 +147,8 @@ impl Store {
         connection.close().await?;
         let options = SqliteConnectOptions::new().filename(path).read_only(true);
         let readers = SqlitePoolOptions::new().max_connections(2).connect_with(options).await?;
-        let damage = damage::Damage::default();
+        // Who only reads, reports what he finds himself.
+        let damage = damage::Damage::new(0);
         let log = log::Log::absent(&readers);
         let (writer, path) = (readers.clone(), path.to_owned());
         Ok(Self { writer, readers, damage, path, log, lock: None })

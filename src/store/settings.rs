@@ -25,6 +25,8 @@ pub struct StoreSettings {
     pub statement_cache: usize,
     /// Entries of the audit log that are kept.
     pub audit_entries: u32,
+    /// Versions found corrupt that are remembered as such until the server stops.
+    pub corrupt_versions: usize,
     /// Whether a database of an earlier schema is copied, beside itself, before it is changed.
     pub backup_before_migration: bool,
 }
@@ -32,7 +34,7 @@ pub struct StoreSettings {
 impl StoreSettings {
     /// Every number, and the range it must lie in.
     #[must_use]
-    pub fn numbers(&self) -> [(&'static str, f64, RangeInclusive<f64>); 7] {
+    pub fn numbers(&self) -> [(&'static str, f64, RangeInclusive<f64>); 8] {
         [
             ("readers", self.readers.into(), 1.0..=256.0),
             ("busy_timeout_s", self.busy_timeout_s, 0.0..=3600.0),
@@ -41,6 +43,7 @@ impl StoreSettings {
             ("log_wait_s", self.log_wait_s, 0.0..=60.0),
             ("statement_cache", self.statement_cache as f64, 1.0..=100_000.0),
             ("audit_entries", self.audit_entries.into(), 1000.0..=1e9),
+            ("corrupt_versions", self.corrupt_versions as f64, 1.0..=1e6),
         ]
     }
 }

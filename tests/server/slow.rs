@@ -133,3 +133,14 @@ async fn more_connections_than_the_server_keeps_are_told_so_and_find_room_later(
     drop(second);
     server.stop().await;
 }
+
+#[tokio::test]
+async fn who_is_one_too_many_to_be_told_is_hung_up_on() {
+    let server = Server::start_with("[server]\nconnections = 1\nrefused_at_once = 0").await;
+    let mut first = connected(&server).await;
+    first.write_all(b"GET /healthz HTTP/1.1\r\nhost: x\r\n\r\n").await.unwrap();
+    assert_eq!(first.read_u8().await.unwrap(), b'H');
+    assert_eq!(rest(&mut connected(&server).await).await, "");
+    drop(first);
+    server.stop().await;
+}

@@ -128,6 +128,21 @@ fn limits_hold() {
 }
 
 #[test]
+fn a_zstd_frame_whose_window_is_larger_than_the_limit_is_refused() {
+    // What is compressed as a stream does not say how long it is, and wants the window of its level, 512 KiB.
+    let body = super::encode::zstd(format!("{}{}", "\n".repeat(2 << 20), line(GOOD)).as_bytes());
+    let kind = BodyKind { encoding: Encoding::Zstd, ..kind(Format::Ndjson, Preset::Headway) };
+    for (max_zstd_window_bytes, is_taken) in [(32 << 20, true), (512 << 10, true), ((512 << 10) - 1, false), (1, false)] {
+        let limits = FormatLimits { max_zstd_window_bytes, ..FormatLimits::default() };
+        let decoded = decode_file(file(&body), kind, &limits);
+        assert_eq!(decoded.is_ok(), is_taken, "{max_zstd_window_bytes}: {decoded:?}");
+        if let Err(error) = decoded {
+            assert_eq!(error.code(), "malformed_body");
+        }
+    }
+}
+
+#[test]
 fn the_follownet_preset_is_for_tables() {
     let error = decode_file(file(b""), kind(Format::Json, Preset::Follownet), &FormatLimits::default()).unwrap_err();
     assert_eq!(error.code(), "preset_not_applicable");
