@@ -164,7 +164,7 @@ fn routes() -> Vec<Route> {
         at("/v1/keys/{key_id}").get(May(Admin), keys::read).delete(May(Admin), keys::revoke),
         at("/v1/audit").get(May(Admin), audit::list),
         at("/v1/models").get(AnyKey, models::list).post(May(Train), models::create),
-        at("/v1/models/{model}").get(AnyKey, models::read),
+        at("/v1/models/{model}").get(AnyKey, models::read).patch(May(Admin), models::change),
         at("/v1/models/{model}/pause").post(May(Train), models::pause),
         at("/v1/models/{model}/resume").post(May(Train), models::resume),
         at("/v1/models/{model}/batches").get(AnyKey, batches::list).post(May(Ingest), batches::upload),

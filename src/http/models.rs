@@ -3,15 +3,15 @@
 use std::sync::Arc;
 
 use axum::extract::State;
-use axum::http::StatusCode;
 use axum::http::header::{ETAG, LOCATION};
+use axum::http::{HeaderMap, StatusCode};
 use serde::Deserialize;
 use serde_json::{Value, json};
 
 use super::AppState;
 use super::answer::Answer;
-use super::body::JsonBody;
-use super::etag::etag;
+use super::body::{Json, JsonBody};
+use super::etag::{check_if_match, etag};
 use super::gate::Caller;
 use super::idempotency::Repeatable;
 use super::object::Object;
@@ -20,7 +20,7 @@ use super::path::ModelAt;
 use super::problem::{Code, Problem};
 use super::query::Page;
 use crate::consolidation::Method;
-use crate::lineage::{Model, ModelName};
+use crate::lineage::{Model, ModelName, ModelSettings};
 use crate::store::{Actor, model};
 
 /// The body of a creation.
@@ -41,6 +41,13 @@ pub(super) struct NewModel {
 struct Origin {
     model: ModelName,
     version: i64,
+}
+
+/// The body of a change.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Change {
+    retention: Once,
 }
 
 fn body(model: &Model) -> Value {
@@ -94,6 +101,23 @@ pub(super) async fn list(State(app): State<Arc<AppState>>, caller: Caller, page:
 /// `GET /v1/models/{model}`
 pub(super) async fn read(ModelAt(model): ModelAt) -> Answer {
     answer(StatusCode::OK, &model)
+}
+
+/// `PATCH /v1/models/{model}`
+pub(super) async fn change(
+    State(app): State<Arc<AppState>>,
+    ModelAt(model): ModelAt,
+    by: Actor,
+    headers: HeaderMap,
+    Json(Change { retention: Once(retention) }): Json<Change>,
+) -> Result<Answer, Problem> {
+    let retention = ModelSettings::default().overridden(&json!({"retention": retention}))?.retention;
+    let mut tx = app.store.begin_for(&by).await?;
+    check_if_match(&headers, &model::get(&mut tx, model.model_id).await?)?;
+    let model = model::set_retention(&mut tx, model.model_id, retention).await?;
+    tx.commit().await?;
+    tracing::info!(model = %model.name, ?retention, "retention changed");
+    Ok(answer(StatusCode::OK, &model))
 }
 
 /// `POST /v1/models/{model}/pause`

@@ -26,6 +26,12 @@ create temp trigger noted_pause after update of paused on model when new.paused 
     insert into noted values (iif(new.paused, 'model.pause', 'model.resume'), new.model_id, new.name, '{}', null);
 end;
 
+-- Of a model's settings nothing else ever changes.
+create temp trigger noted_retention after update of settings on model when new.settings <> old.settings begin
+    insert into noted values ('model.retain', new.model_id, new.name,
+        json_object('retention', json(new.settings -> '$.retention')), null);
+end;
+
 create temp trigger noted_batch after insert on batch begin
     insert into noted values ('batch.upload', new.model_id, 'b' || new.batch_id,
         json_object('source', new.source, 'regime', new.regime, 'body_sha256', lower(hex(new.body_sha256))), null);

@@ -6,7 +6,7 @@ use sqlx::{Row, query};
 
 use super::{Part, Purpose, Store, StoreError, WriteTransaction, seal};
 use crate::consolidation::Method;
-use crate::lineage::{Model, ModelName, ModelSettings};
+use crate::lineage::{Model, ModelName, ModelSettings, Retention};
 
 /// `select` of every column, with what follows `from model`.
 macro_rules! select_model {
@@ -70,6 +70,40 @@ pub async fn set_paused(transaction: &mut WriteTransaction, model_id: i64, pause
     get(transaction, model_id).await
 }
 
+/// Says what of a model is kept from now on; its revision grows when that changes anything.
+///
+/// # Errors
+/// When the database cannot be written, the model is gone, or it is corrupt: a new digest would hide that.
+pub async fn set_retention(
+    transaction: &mut WriteTransaction,
+    model_id: i64,
+    retention: Retention,
+) -> Result<Model, StoreError> {
+    transaction.is_for(Purpose::RetentionChanged);
+    let model = intact(transaction, model_id).await?;
+    if model.settings.retention == retention {
+        return Ok(model);
+    }
+    let settings = ModelSettings { retention, ..model.settings };
+    query("update model set settings = ?, revision = revision + 1, seal = null where model_id = ?")
+        .bind(serde_json::to_string(&settings).expect("settings are plain data"))
+        .bind(model_id)
+        .execute(&mut **transaction)
+        .await?;
+    seal::seal(transaction).await?;
+    get(transaction, model_id).await
+}
+
+/// The model, when its settings are what was last written.
+async fn intact(connection: &mut SqliteConnection, model_id: i64) -> Result<Model, StoreError> {
+    let row = query("select * from model where model_id = ?").bind(model_id).fetch_one(connection).await?;
+    if !seal::MODEL.is_intact(&row)? {
+        let detail = "the model's settings are corrupt: their digest does not match; restore a backup";
+        return Err(StoreError::corrupt(Part::Model, detail));
+    }
+    model_from_row(&row)
+}
+
 /// The model as this transaction sees it.
 ///
 /// # Errors
@@ -100,17 +134,12 @@ impl Store {
         model_from_row(&row)
     }
 
-    /// The model with this row id, when its settings are what it was created with.
+    /// The model with this row id, when its settings are what was last written.
     ///
     /// # Errors
     /// When the database fails, the model is gone or it is corrupt.
     pub async fn intact_model(&self, model_id: i64) -> Result<Model, StoreError> {
-        let row = query("select * from model where model_id = ?").bind(model_id).fetch_one(&self.readers).await?;
-        if !seal::MODEL.is_intact(&row)? {
-            let detail = "the model's settings are corrupt: their digest does not match; restore a backup";
-            return Err(StoreError::corrupt(Part::Model, detail));
-        }
-        model_from_row(&row)
+        intact(&mut *self.readers.acquire().await?, model_id).await
     }
 
     /// The model of this name.
@@ -207,6 +236,28 @@ mod tests {
         assert_eq!(first.iter().map(|m| m.name.as_str()).collect::<Vec<_>>(), ["default", "a"]);
         let rest = store.models(first[1].model_id, 2).await.unwrap();
         assert_eq!(rest.iter().map(|m| m.name.as_str()).collect::<Vec<_>>(), ["b"]);
+    }
+
+    #[tokio::test]
+    async fn what_is_kept_can_be_changed_but_not_of_a_corrupt_model() {
+        let directory = tempfile::tempdir().unwrap();
+        let store = open(&directory).await;
+        store.ensure_default_model(&ModelSettings::default()).await.unwrap();
+        let before = store.models(0, 1).await.unwrap().remove(0);
+        let retention = Retention { events_s: Some(60), versions: None };
+        let mut tx = store.begin().await.unwrap();
+        for _ in 0..2 {
+            let changed = set_retention(&mut tx, before.model_id, retention).await.unwrap();
+            assert_eq!(changed.settings, ModelSettings { retention, ..before.settings.clone() });
+            assert_eq!(changed.revision, 2, "it grows when it changes anything");
+        }
+        tx.commit().await.unwrap();
+        assert_eq!(store.intact_model(before.model_id).await.unwrap().settings.retention, retention);
+        let mut tx = store.begin().await.unwrap();
+        let flip = "update model set settings = replace(settings, '\"horizon\":10', '\"horizon\":11')";
+        assert_eq!(query(flip).execute(&mut *tx).await.unwrap().rows_affected(), 1);
+        let refused = set_retention(&mut tx, before.model_id, Retention::default()).await.unwrap_err();
+        assert!(matches!(refused, StoreError::Corrupt { .. }), "{refused}");
     }
 
     #[tokio::test]

@@ -15,6 +15,8 @@ pub enum Purpose {
     ModelCreated,
     /// A model's training is held or released.
     ModelPaused,
+    /// What of a model is kept is changed.
+    RetentionChanged,
     /// A batch arrived.
     BatchUploaded,
     /// A batch is retracted.
@@ -65,9 +67,10 @@ pub enum Purpose {
 
 impl Purpose {
     /// Every purpose.
-    pub const ALL: [Self; 25] = [
+    pub const ALL: [Self; 26] = [
         Self::ModelCreated,
         Self::ModelPaused,
+        Self::RetentionChanged,
         Self::BatchUploaded,
         Self::BatchRetracted,
         Self::TaskCreated,
@@ -99,6 +102,7 @@ impl Purpose {
         match self {
             Self::ModelCreated => "model_created",
             Self::ModelPaused => "model_paused",
+            Self::RetentionChanged => "retention_changed",
             Self::BatchUploaded => "batch_uploaded",
             Self::BatchRetracted => "batch_retracted",
             Self::TaskCreated => "task_created",

@@ -102,8 +102,10 @@ impl<'a> Life<'a> {
     /// Another model keeps neither its events nor more than one version.
     async fn prune(&mut self) {
         let settings = json!({"hidden": 4, "horizon": 5, "minibatch": 8, "epochs": 1, "promotion": "auto",
-            "schedule": "manual", "retention": {"events_s": 0, "versions": 1}});
+            "schedule": "manual"});
         self.create("/v1/models", &json!({"model": "brief", "method": "naive", "settings": settings}), 201).await;
+        let change = json!({"retention": {"events_s": 0, "versions": 1}});
+        self.send(Method::PATCH, "/v1/models/brief", &change, 200).await;
         for (regime, batch) in TrafficRegime::ALL.into_iter().zip(["b6", "b7", "b8"]) {
             self.upload_to("/v1/models/brief", regime, 1, "").await;
             let created = self.create("/v1/models/brief/tasks", &json!({"batches": [batch]}), 202).await;

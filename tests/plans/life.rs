@@ -98,8 +98,9 @@ async fn unlearn(server: &Server) {
 
 /// A model that keeps little, and what that refuses.
 async fn forget(server: &Server) {
-    let settings = json!({"retention": {"versions": 1, "events_s": 0}});
-    server.post("/v1/models", &json!({"model": "short", "method": "ewc", "settings": settings})).await.expect(201);
+    server.post("/v1/models", &json!({"model": "short", "method": "ewc"})).await.expect(201);
+    let change = json!({"retention": {"versions": 1, "events_s": 0}});
+    server.send(server.request(Method::PATCH, "/v1/models/short").json(&change)).await.expect(200);
     for (regime, speed) in [("fast", 12.0), ("middle", 9.0), ("slow", 6.0)] {
         server.learn("short", &format!("short-{regime}"), &events(&format!("short {regime}"), 12, speed)).await;
     }

@@ -98,3 +98,51 @@ async fn a_database_beyond_its_budget_drops_arrays_but_of_models_that_go_back_to
     assert_eq!(server.get("/v1/models/joint/batches/b1").await["pruned_events"], 0);
     server.stop().await;
 }
+
+#[tokio::test]
+async fn what_a_model_keeps_can_be_changed_and_the_audit_log_says_who_did() {
+    let mut server = Server::start().await;
+    server.close_gate().await;
+    model(&server, "m", json!({})).await;
+    for (stage, speed) in [14.0, 11.0, 8.0].into_iter().enumerate() {
+        server.learn("m", &format!("r{stage}"), &events(&format!("s{stage}"), 16, speed)).await;
+    }
+    let before = server.get("/v1/models/m").await.expect(200);
+    let change = |wish: Value| server.request(Method::PATCH, "/v1/models/m").json(&wish);
+    for (wrong, code) in [
+        (json!({}), "invalid_body"),
+        (json!({"retention": {"versions": 1}, "hidden": 3}), "invalid_body"),
+        (json!({"retention": null}), "invalid_settings"),
+        (json!({"retention": []}), "invalid_settings"),
+        (json!({"retention": {"versions": 0}}), "invalid_settings"),
+        (json!({"retention": {"events_days": 3}}), "invalid_settings"),
+    ] {
+        server.send(change(wrong)).await.expect_problem(422, code);
+    }
+    let wish = json!({"retention": {"versions": 1}});
+    let stale = change(wish.clone()).header("if-match", "\"1-1\"");
+    server.send(stale).await.expect_problem(412, "precondition_failed");
+    let trainer = server.make_key(&json!({"scopes": ["train"]})).await;
+    server.send(change(wish.clone()).bearer_auth(&trainer)).await.expect_problem(403, "insufficient_scope");
+    assert_eq!(server.get("/v1/models/m").await.text, before.text, "what is refused changes nothing");
+    assert_eq!(server.get("/v1/models/m/versions/1").await["pruned"], false);
+
+    let changed = server.send(change(wish).header("if-match", before.header("etag"))).await.expect(200);
+    assert_eq!(changed["settings"]["retention"], json!({"events_s": null, "versions": 1}));
+    assert_ne!(changed.header("etag"), before.header("etag"));
+    until(&server, "/v1/models/m/versions/1", |found| found["pruned"] == true).await;
+    // What was said before is gone as a whole.
+    let changed = server.send(change(json!({"retention": {"events_s": 0}}))).await.expect(200);
+    assert_eq!(changed["settings"]["retention"], json!({"events_s": 0, "versions": null}));
+    until(&server, "/v1/models/m/batches/b1", |found| found["pruned_events"] != 0).await;
+    let log = server.get("/v1/audit?model=m&page_size=1000").await.expect(200);
+    let noted = log["audit"].as_array().unwrap().iter().filter(|entry| entry["action"] == "model.retain");
+    let admin = &server.key.as_deref().unwrap()[3..19];
+    let noted: Vec<_> = noted.map(|entry| (entry["actor"].as_str().unwrap(), &entry["detail"]["retention"])).collect();
+    let said = [json!({"events_s": null, "versions": 1}), json!({"events_s": 0, "versions": null})];
+    assert_eq!(noted, [(admin, &said[0]), (admin, &said[1])]);
+    // A model whose retention changed is as whole as before, also for a process that starts anew, and goes on learning.
+    let server = server.restart().await;
+    server.learn("m", "r3", &events("s3", 16, 6.0)).await;
+    server.stop().await;
+}
