@@ -17,7 +17,7 @@ use tokio::task::JoinHandle;
 use tokio::time::{Instant, timeout_at};
 
 use crate::config::Config;
-use crate::http::{AppState, Evaluator, InFlight, Interface, RequestIds, Tls, connections, tally};
+use crate::http::{AppState, Evaluator, InFlight, Interface, Refusals, RequestIds, Tls, connections, tally};
 use crate::predictor::{Predictor, TrialSettings};
 use crate::scheduler::{Scheduler, Training, step_back};
 use crate::store::Store;
@@ -108,6 +108,7 @@ async fn assemble(
         metrics: Metrics::default(),
         stopping,
         in_flight: InFlight::default(),
+        refusals: Refusals::new(Duration::from_secs_f64(config.access.refusal_log_s)),
         request_ids: RequestIds::default(),
     }))
 }
@@ -199,6 +200,7 @@ mod tests {
 
     use super::*;
     use crate::config::Layer;
+    use crate::http::Need;
 
     async fn post(interface: &Interface, path: &str, body: &Value) -> (u16, Value) {
         let request = Request::post(path).header(CONTENT_TYPE, "application/json").body(Body::from(body.to_string()));
@@ -257,5 +259,21 @@ mod tests {
         assert_eq!(post(&interface, "/v1/models/default/simulate", &simulate).await.0, 200);
         let listed = interface.answer(Request::get("/v1/models/default").body(Body::empty()).unwrap()).await;
         assert_eq!(answered(listed).await.0, 500, "the database is closed");
+    }
+
+    #[tokio::test]
+    async fn who_has_no_key_is_refused_without_the_database() {
+        let directory = tempfile::tempdir().unwrap();
+        let (state, interface) = learned(&directory).await;
+        assert_eq!(post(&interface, "/v1/keys", &json!({"scopes": ["admin"]})).await.0, 201);
+        state.store.close().await;
+        for (path, method, need) in crate::http::needs() {
+            if need == Need::Nothing {
+                continue;
+            }
+            let path = path.replace("{model}", "default").replace(['{', '}'], "");
+            let request = Request::builder().method(&method).uri(&path).body(Body::empty()).unwrap();
+            assert_eq!(answered(interface.answer(request).await).await.0, 401, "{method} {path}");
+        }
     }
 }

@@ -138,6 +138,7 @@ mod tests {
             rate_window_s,
             rate_requests,
             rate_predictions,
+            refusal_log_s: 1.0,
         };
         Meters::new(&settings)
     }

@@ -19,17 +19,20 @@ pub struct AccessSettings {
     pub rate_requests: u32,
     /// Predictions, simulations and evaluations of one key within a window, counted by request; 0: no limit.
     pub rate_predictions: u32,
+    /// Of requests that are refused for want of a key, or because a key asked too much, one within so long is logged, s.
+    pub refusal_log_s: f64,
 }
 
 impl AccessSettings {
     /// Every number, and the range it must lie in.
     #[must_use]
-    pub fn numbers(&self) -> [(&'static str, f64, RangeInclusive<f64>); 4] {
+    pub fn numbers(&self) -> [(&'static str, f64, RangeInclusive<f64>); 5] {
         [
             ("max_keys", self.max_keys.into(), 1.0..=1e6),
             ("rate_window_s", self.rate_window_s.into(), 1.0..=86_400.0),
             ("rate_requests", self.rate_requests.into(), 0.0..=1e9),
             ("rate_predictions", self.rate_predictions.into(), 0.0..=1e9),
+            ("refusal_log_s", self.refusal_log_s, 0.0..=86_400.0),
         ]
     }
 }

@@ -112,6 +112,7 @@ mod tests {
             rate_window_s: 86_400,
             rate_requests: 1,
             rate_predictions: 0,
+            refusal_log_s: 1.0,
         }
     }
 

@@ -40,7 +40,8 @@ pub async fn serve(
     mut stopping: watch::Receiver<bool>,
 ) {
     let connections = GracefulShutdown::new();
-    let (free, telling) = (Arc::new(Semaphore::new(settings.connections)), Arc::new(Semaphore::new(settings.refused_at_once)));
+    let (free, telling) =
+        (Arc::new(Semaphore::new(settings.connections)), Arc::new(Semaphore::new(settings.refused_at_once)));
     let hearing = Duration::from_secs_f64(settings.refusal_s);
     let patience = Patience::new(settings);
     let mut http = http1::Builder::new();

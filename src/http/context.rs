@@ -7,9 +7,9 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
 
 use axum::extract::{FromRequestParts, MatchedPath, Request, State};
-use axum::http::Method;
 use axum::http::header::{ACCEPT, HeaderMap, HeaderName, HeaderValue};
 use axum::http::request::Parts;
+use axum::http::{Method, StatusCode};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 use tracing::instrument::Instrumented;
@@ -20,12 +20,14 @@ use super::gate::{Admitted, Need, limits};
 use super::path::model_named;
 use super::predict;
 use super::problem::{Code, Problem, RequestContext};
+use super::refusals::Refusals;
 use super::route::Needs;
 use super::shield::shield;
 use crate::access::{Class, Standing};
 
-/// Routes that may be called thousands of times a second: unless something is wrong, their log lines are for `debug`.
-const OFTEN: [&str; 2] = [predict::ROUTE, "/v1/models/{model}/simulate"];
+/// Routes that may be called thousands of times a second, or by whoever has no key: unless something is wrong, their log lines are
+/// for `debug`.
+const OFTEN: [&str; 4] = [predict::ROUTE, "/v1/models/{model}/simulate", "/healthz", "/readyz"];
 
 const REQUEST_ID: HeaderName = HeaderName::from_static("x-request-id");
 
@@ -161,15 +163,27 @@ impl<'a> Observation<'a> {
         }
         let (status, elapsed_s) = (answer.status().as_u16(), self.began.elapsed().as_secs_f64());
         self.app.metrics.http_request(self.route, counted(&self.method), status, elapsed_s);
-        if OFTEN.contains(&self.route) && well {
-            self.span.in_scope(|| tracing::debug!(status, elapsed_s, "answered"));
-        } else {
-            self.span.in_scope(|| tracing::info!(status, elapsed_s, "answered"));
-        }
+        self.log(answer.status(), elapsed_s);
         let headers = answer.headers_mut();
         headers.insert(REQUEST_ID, self.request_id);
         shield(headers, self.app.settings.tls.is_on());
         answer
+    }
+
+    fn log(&self, status: StatusCode, elapsed_s: f64) {
+        let _request = self.span.enter();
+        let (kind, status) = (status, status.as_u16());
+        if Refusals::is_one(kind) {
+            if let Some(untold) = self.app.refusals.note() {
+                tracing::info!(status, elapsed_s, untold, "refused");
+            } else {
+                tracing::debug!(status, elapsed_s, "refused");
+            }
+        } else if OFTEN.contains(&self.route) && kind.is_success() {
+            tracing::debug!(status, elapsed_s, "answered");
+        } else {
+            tracing::info!(status, elapsed_s, "answered");
+        }
     }
 
     fn context(&self) -> RequestContext {

@@ -52,6 +52,8 @@ mod problem;
 mod progress;
 /// Query parameters and paging.
 mod query;
+/// What is logged of strangers.
+mod refusals;
 /// What a replay came to.
 mod replay;
 /// A route and what it needs.
@@ -92,6 +94,7 @@ pub use idempotency::InFlight;
 pub use interface::Interface;
 pub use keys::body as key_body;
 pub use problem::Code;
+pub use refusals::Refusals;
 pub use settings::ServerSettings;
 pub use tls::{Tls, TlsSettings};
 
@@ -146,6 +149,8 @@ pub struct AppState {
     pub evaluation_slots: Arc<Semaphore>,
     /// Open progress streams.
     pub stream_slots: Arc<Semaphore>,
+    /// Which requests that the gate refuses are logged.
+    pub refusals: Refusals,
     /// Names requests that did not bring an id.
     pub request_ids: RequestIds,
 }

@@ -39,12 +39,12 @@ mod lived;
 mod load;
 /// Databases of earlier releases.
 mod migrations;
+/// What is in the log, and what is not.
+mod logged;
 /// Models: create, read, pause.
 mod models;
 /// Lists.
 mod paging;
-/// What panics leave in the log.
-mod panics;
 /// Predictions and simulations.
 mod predict;
 /// Requests that are wrong.

@@ -132,7 +132,8 @@ fn a_zstd_frame_whose_window_is_larger_than_the_limit_is_refused() {
     // What is compressed as a stream does not say how long it is, and wants the window of its level, 512 KiB.
     let body = super::encode::zstd(format!("{}{}", "\n".repeat(2 << 20), line(GOOD)).as_bytes());
     let kind = BodyKind { encoding: Encoding::Zstd, ..kind(Format::Ndjson, Preset::Headway) };
-    for (max_zstd_window_bytes, is_taken) in [(32 << 20, true), (512 << 10, true), ((512 << 10) - 1, false), (1, false)] {
+    for (max_zstd_window_bytes, is_taken) in [(32 << 20, true), (512 << 10, true), ((512 << 10) - 1, false), (1, false)]
+    {
         let limits = FormatLimits { max_zstd_window_bytes, ..FormatLimits::default() };
         let decoded = decode_file(file(&body), kind, &limits);
         assert_eq!(decoded.is_ok(), is_taken, "{max_zstd_window_bytes}: {decoded:?}");

@@ -1,6 +1,6 @@
 use std::fs::File;
 
-use serde_json::Value;
+use serde_json::{Value, json};
 use tempfile::TempDir;
 
 use crate::hostile::PARQUET;
@@ -16,12 +16,16 @@ struct Logging {
 
 impl Logging {
     fn start(filter: &str, points: &str) -> Self {
+        Self::start_with(filter, points, &[])
+    }
+
+    fn start_with(filter: &str, points: &str, settings: &[&str]) -> Self {
         let directory = tempfile::tempdir().unwrap();
         let file = |name: &str| directory.path().join(name);
         let database = file("headway.db");
         let place = ["--listen", "127.0.0.1:0", "--database", database.to_str().unwrap()];
         let filter = format!("log.filter={filter}");
-        let arguments = [&place[..], &["--set", "log.format=json", "--set", &filter]].concat();
+        let arguments = [&place[..], &["--set", "log.format=json", "--set", &filter], settings].concat();
         let binary = Binary::start_with_log(&arguments, points, File::create(file("log")).unwrap());
         Self { directory, binary }
     }
@@ -77,4 +81,32 @@ async fn a_panic_that_nobody_expects_is_an_error_in_the_log_with_its_place() {
     // It goes on: the next request finds the same bug, and others do not.
     assert_eq!(server.post("resume", "application/json", b"{}".to_vec()).await, 500);
     assert_eq!(reqwest::get(format!("{}/readyz", server.binary.url)).await.unwrap().status(), 200);
+}
+
+#[tokio::test]
+async fn strangers_are_counted_and_nearly_none_of_them_is_a_line_in_the_log() {
+    const STRANGERS: usize = 200;
+    let server = Logging::start_with("info", "", &["--set", "access.refusal_log_s=3600"]);
+    let client = reqwest::Client::new();
+    let ask = |path: &str| client.get(format!("{}{path}", server.binary.url));
+    let made = client.post(format!("{}/v1/keys", server.binary.url)).json(&json!({"scopes": ["admin"]}));
+    let made: Value = serde_json::from_str(&made.send().await.unwrap().text().await.unwrap()).unwrap();
+    for _ in 0..STRANGERS {
+        assert_eq!(ask("/v1/models/default").send().await.unwrap().status(), 401);
+        assert_eq!(ask("/v1/nowhere").bearer_auth("hw_x").send().await.unwrap().status(), 401);
+        assert_eq!(ask("/healthz").send().await.unwrap().status(), 200);
+        assert_eq!(ask("/readyz").send().await.unwrap().status(), 200);
+    }
+    let metrics =
+        ask("/metrics").bearer_auth(made["key"].as_str().unwrap()).send().await.unwrap().text().await.unwrap();
+    for route in ["/v1/models/{model}", "unmatched"] {
+        let count =
+            format!("headway_http_requests_total{{route=\"{route}\",method=\"GET\",status=\"401\"}} {STRANGERS}");
+        assert!(metrics.contains(&count), "{metrics}");
+    }
+    let lines = server.lines();
+    let refused = with_message(&lines, "refused");
+    assert_eq!(refused.len(), 1, "{refused:?}");
+    assert_eq!((&refused[0]["fields"]["status"], &refused[0]["fields"]["untold"]), (&401.into(), &0.into()));
+    assert!(lines.len() < 20, "{} lines", lines.len());
 }
