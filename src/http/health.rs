@@ -13,7 +13,6 @@ use super::answer::Answer;
 use super::gate::Need;
 use super::problem::{Code, Problem};
 use crate::predictor::Degraded;
-use crate::store::Actor;
 
 /// The process answers.
 pub(super) async fn live() -> Answer {
@@ -29,8 +28,7 @@ pub(super) async fn ready(State(app): State<Arc<AppState>>, headers: HeaderMap) 
     if !app.predictor.ready() {
         return Err(Problem::busy(Code::NotReady, "a live version is not loaded, and no ancestor of it"));
     }
-    // Beginning a write takes the lock that any write takes; dropped, it never happened.
-    drop(app.store.begin_for(&Actor::server()).await?);
+    app.store.look_at_writer().await?;
     let degraded = app.predictor.degraded();
     if degraded.is_empty() || app.gate.pass(&headers, Need::EveryModel, None).is_err() {
         return Ok(Answer::ok(&json!({"status": "ready"})));

@@ -179,6 +179,19 @@ impl Store {
         Ok(transaction)
     }
 
+    /// Whether the database can be written: takes the lock that every change takes, and changes nothing. While somebody else
+    /// makes a change he has it, which is answer enough; he may take long, and nobody is to wait for that.
+    ///
+    /// # Errors
+    /// When the database cannot be written.
+    pub async fn look_at_writer(&self) -> Result<(), StoreError> {
+        if self.writer.num_idle() == 0 && self.writer.size() > 0 && !self.writer.is_closed() {
+            return Ok(());
+        }
+        // Dropped, it never happened.
+        self.begin().await.map(drop)
+    }
+
     /// Closes every connection; the write-ahead log is folded back into the database, which another process may own from then
     /// on, whoever still holds this store.
     pub async fn close(&self) {
@@ -228,7 +241,11 @@ mod tests {
         let store = Store::open(&settings).await.unwrap();
         let writing = store.begin().await.unwrap();
         assert!(matches!(store.begin().await, Err(StoreError::Busy)));
+        store.look_at_writer().await.unwrap();
         drop(writing);
         store.begin().await.unwrap();
+        store.look_at_writer().await.unwrap();
+        store.close().await;
+        store.look_at_writer().await.unwrap_err();
     }
 }
