@@ -24,7 +24,10 @@ pub(super) async fn supervise(scheduler: Scheduler, task: Task, running: Running
         tracing::error!(task_id, %error, "the end of a task could not be written; it is tried again");
     }
     scheduler.0.running.release(task_id);
-    if !may_pass {
+    if may_pass {
+        // Whoever waits for it to leave is told all the same.
+        scheduler.0.changes.send_modify(|changes| *changes += 1);
+    } else {
         scheduler.wake();
     }
 }

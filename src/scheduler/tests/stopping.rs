@@ -2,12 +2,17 @@
 
 use super::pace::Pace;
 use super::*;
+use crate::store::StoreSettings;
 use crate::store::task::{self, Cancelled};
 
 /// An engine whose only task has done two of four updates, and waits.
 async fn half_way() -> (Engine, i64, Pace) {
+    half_way_on(Fixture::new().await).await
+}
+
+async fn half_way_on(fixture: Fixture) -> (Engine, i64, Pace) {
     let (mut pace, script) = Pace::new();
-    let engine = Engine::new(script).await;
+    let engine = Engine::on(fixture, script, clock).await;
     let model_id = engine.model("m").await;
     engine.fixture.batch(model_id, "fast", 0..10).await;
     engine.fixture.tasks_of_pending(model_id).await;
@@ -242,4 +247,18 @@ batch 1 learned 10
 batch 2 set_aside 10
 batch 3 set_aside 10"
     );
+}
+
+#[tokio::test]
+async fn whoever_waits_for_a_task_is_told_that_it_left_though_its_end_cannot_be_written() {
+    let fixture = Fixture::set(|usual| StoreSettings { writer_wait_s: 0.5, ..usual }).await;
+    let (engine, model_id, pace) = half_way_on(fixture).await;
+    let writing = engine.fixture.store.begin().await.unwrap();
+    pace.free();
+    engine.scheduler.left(1).await;
+    engine.scheduler.settled().await;
+    drop(writing);
+    engine.drain().await;
+    assert_eq!(engine.served(model_id).await, 1);
+    assert_eq!(engine.weights_sha256(model_id, 1).await, uninterrupted().await);
 }
