@@ -114,6 +114,18 @@ pub enum StoreError {
          place with `headway restore`"
     )]
     Damaged(sqlx::Error),
+    /// Changes that were acknowledged come after what is damaged in the write-ahead log.
+    #[error(
+        "{} is damaged at frame {frame}, and acknowledged changes that come after it would be lost: put a backup in the \
+         database's place with `headway restore`; any other program that opens it drops them for good",
+        path.display()
+    )]
+    DamagedLog {
+        /// The log.
+        path: PathBuf,
+        /// The first frame that is not what was written, from 1; 0 is the log's header.
+        frame: u64,
+    },
     /// Something stored is not what was written: its digest does not match.
     #[error("{detail}")]
     Corrupt {

@@ -20,6 +20,7 @@ mod error;
 pub mod event;
 #[cfg(test)]
 pub(crate) mod fixture;
+mod frames;
 /// Who served when and why.
 pub mod history;
 /// Answers that are given again.
@@ -91,9 +92,15 @@ impl Store {
     /// Opens, locks and migrates the database at `settings.path`, creating it when it is absent.
     ///
     /// # Errors
-    /// When another process owns it, it cannot be written, or it was made by a newer release.
+    /// When another process owns it, it cannot be written, it was made by a newer release, or its write-ahead log is damaged
+    /// where changes would be lost.
     pub async fn open(settings: &StoreSettings) -> Result<Self, StoreError> {
         let lock = lock(&settings.path)?;
+        let log = beside(&settings.path, "-wal");
+        // A log that cannot be read is SQLite's to complain of.
+        if let Ok(Some(frame)) = frames::first_damaged(&log) {
+            return Err(StoreError::DamagedLog { path: log, frame });
+        }
         let options = SqliteConnectOptions::new()
             .filename(&settings.path)
             // What is erased is written over, wherever a page held it.

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use jiff::Timestamp;
 use sqlx::migrate::{Migrate, Migrator};
 use sqlx::sqlite::SqliteConnection;
-use sqlx::{Row, SqlitePool, query};
+use sqlx::{Row, SqlitePool, query, raw_sql};
 
 use super::{StoreError, backup, beside};
 
@@ -44,6 +44,17 @@ async fn applied(connection: &mut SqliteConnection) -> Result<BTreeSet<i64>, Sto
 fn refuse_newer(schema: i64) -> Result<(), StoreError> {
     let newest = newest();
     if schema > newest { Err(StoreError::Newer { schema, newest }) } else { Ok(()) }
+}
+
+/// Makes an empty database of this schema.
+///
+/// # Errors
+/// When it cannot be written.
+pub(super) async fn make(connection: &mut SqliteConnection, schema: i64) -> Result<(), StoreError> {
+    for migration in MIGRATIONS.iter().filter(|migration| migration.version <= schema) {
+        raw_sql(migration.sql.clone()).execute(&mut *connection).await?;
+    }
+    Ok(())
 }
 
 /// Brings the database at `path` to the newest schema; one with data in it is backed up beside itself first, unless

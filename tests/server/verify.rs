@@ -15,6 +15,7 @@ async fn look(database: &Path) -> Verification {
 
 /// What somebody does to a database, and the check that finds it.
 const TAMPERED: &[(&str, &str)] = &[
+    ("drop index event_waiting", "definitions"),
     ("update event set arrays = zeroblob(length(arrays)) where event_id = 2", "events"),
     ("update event set steps = steps + 1 where event_id = 2", "events"),
     ("update weights set weights = zeroblob(length(weights)) where version = 1 and model_id = 1", "weights"),

@@ -16,8 +16,7 @@ use serde::Serialize;
 use sqlx::sqlite::{SqliteConnectOptions, SqliteConnection};
 use sqlx::{ConnectOptions as _, Connection as _, Row, query};
 
-use super::StoreError;
-use super::schema;
+use super::{StoreError, beside, frames, schema};
 
 /// Most faults that are kept; all are counted.
 const LISTED: usize = 1000;
@@ -144,6 +143,10 @@ pub async fn verify(path: &Path, progress: &(dyn Fn(Looking) + Sync)) -> Result<
     let mut schema = 0;
     findings.begin("header", 1);
     findings.looked();
+    let log = beside(path, "-wal");
+    if let Ok(Some(frame)) = frames::first_damaged(&log) {
+        findings.fault("the write-ahead log", StoreError::DamagedLog { path: log, frame }.to_string());
+    }
     let opened = open(path).await;
     let opened = match opened {
         Ok(mut connection) => schema::read(&mut connection, path).await.map(|found| (connection, found)),
@@ -220,6 +223,12 @@ const KEPT_ANCHORS: &str =
 async fn look(connection: &mut SqliteConnection, schema: i64, findings: &mut Findings<'_>) -> Result<(), StoreError> {
     // Everything is as of this moment, however much is written meanwhile.
     query("begin").execute(&mut *connection).await?;
+    let outcome = pages::definitions_are(connection, schema, findings).await;
+    findings.end(outcome)?;
+    if findings.checks.last().is_some_and(|definitions| definitions.faults > 0) {
+        // No other statement can be relied on.
+        return Ok(());
+    }
     for (known, view, otherwise) in VIEWS {
         let view = if count(connection, known).await? > 0 { view } else { otherwise };
         query(view).execute(&mut *connection).await?;

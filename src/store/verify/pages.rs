@@ -1,10 +1,45 @@
-//! What `SQLite` itself can tell of its file.
+//! What `SQLite` itself can tell of its file, and whether its tables are those of its schema.
 
-use sqlx::sqlite::SqliteConnection;
-use sqlx::{Row, query};
+use std::collections::BTreeMap;
+
+use sqlx::sqlite::{SqliteConnectOptions, SqliteConnection};
+use sqlx::{ConnectOptions, Connection, Row, query};
 
 use super::{Findings, count};
-use crate::store::StoreError;
+use crate::store::{StoreError, schema};
+
+/// Tables, indexes and triggers as they were defined, by name; but `SQLite`'s own and those of the migrations' list.
+async fn definitions(connection: &mut SqliteConnection) -> Result<BTreeMap<String, String>, StoreError> {
+    let rows = query(
+        "select name, type || ' on ' || tbl_name || ': ' || sql as definition from sqlite_schema
+         where sql is not null and name not like 'sqlite_%' and name not like '_sqlx_%'",
+    );
+    let rows = rows.fetch_all(connection).await?;
+    rows.iter().map(|row| Ok((row.try_get("name")?, row.try_get("definition")?))).collect()
+}
+
+/// That nothing the schema defines is missing or other than its migrations make it. What others have added is theirs.
+pub(super) async fn definitions_are(
+    connection: &mut SqliteConnection,
+    schema: i64,
+    findings: &mut Findings<'_>,
+) -> Result<(), StoreError> {
+    findings.begin("definitions", 0);
+    let mut made = SqliteConnectOptions::new().in_memory(true).disable_statement_logging().connect().await?;
+    schema::make(&mut made, schema).await?;
+    let expected = definitions(&mut made).await?;
+    made.close().await?;
+    let found = definitions(connection).await?;
+    for (name, definition) in &expected {
+        findings.looked();
+        match found.get(name) {
+            None => findings.fault(name, "is not there"),
+            Some(found) if found != definition => findings.fault(name, "is not what its schema makes it"),
+            Some(_) => {}
+        }
+    }
+    Ok(())
+}
 
 /// Every page, and that every index agrees with its table.
 pub(super) async fn pages(connection: &mut SqliteConnection, findings: &mut Findings<'_>) -> Result<(), StoreError> {
