@@ -46,7 +46,8 @@ pub enum LogFormat {
 /// When the filter cannot be parsed.
 pub fn start_logging(settings: &LogSettings) -> Result<(), tracing_subscriber::filter::ParseError> {
     let filter = EnvFilter::builder().parse(&settings.filter)?;
-    let builder = fmt().with_env_filter(filter).with_writer(std::io::stderr);
+    // Where the log cannot be written, as on a full disk, saying so on the same stderr would panic.
+    let builder = fmt().with_env_filter(filter).with_writer(std::io::stderr).log_internal_errors(false);
     // A second server in one process, as in tests, logs with the first.
     let _ = match settings.format {
         LogFormat::Text => builder.try_init(),
