@@ -1,3 +1,5 @@
+use std::io::{BufRead, BufReader};
+use std::os::unix::fs::symlink;
 use std::path::Path;
 
 use headway::car_following::TrafficRegime;
@@ -18,16 +20,22 @@ fn limit_files(process: &Process, bytes: Option<u64>) {
     prlimit(Some(pid), Resource::Fsize, Rlimit { current: bytes, maximum: None }).unwrap();
 }
 
-async fn upload(process: &Process, seed: u64, events: usize) -> Reply {
+/// Uploads so many events, which depend on the seed.
+pub(crate) async fn upload(process: &Process, seed: u64, events: usize) -> Reply {
     let request = process.request(Method::POST, &format!("{MODEL}/batches?regime=fast"));
     let request = request.header("content-type", "application/x-ndjson").header("idempotency-key", format!("u{seed}"));
     process.send(request.body(lines(TrafficRegime::Fast, seed, events).concat())).await
 }
 
-async fn predicted(process: &Process) -> Value {
-    let window = json!({"follower_speed_mps": [9, 9, 9, 9, 9], "leader_speed_mps": [8, 8, 8, 8, 8],
-        "spacing_m": [14, 13.9, 13.8, 13.7, 13.6]});
-    process.post(&format!("{MODEL}/predict"), &json!({"windows": [window]})).await.expect(200)
+/// A window to predict.
+pub(crate) fn window() -> Value {
+    json!({"follower_speed_mps": [9, 9, 9, 9, 9], "leader_speed_mps": [8, 8, 8, 8, 8],
+        "spacing_m": [14, 13.9, 13.8, 13.7, 13.6]})
+}
+
+/// What the live version predicts.
+pub(crate) async fn predicted(process: &Process) -> Value {
+    process.post(&format!("{MODEL}/predict"), &json!({"windows": [window()]})).await.expect(200)
 }
 
 /// The largest file of the database.
@@ -40,7 +48,7 @@ fn largest_bytes(database: &Path) -> u64 {
 }
 
 /// A server with a version that serves.
-async fn learned(home: &Home) -> Process {
+pub(crate) async fn learned(home: &Home) -> Process {
     let process = home.start();
     upload(&process, 1, 24).await.expect(201);
     process.post(&format!("{MODEL}/tasks"), &json!({"batches": "pending"})).await.expect(202);
@@ -96,4 +104,16 @@ async fn a_task_that_finds_the_disk_full_ends_well_once_there_is_room() {
     limit_files(&process, None);
     assert_eq!(process.end_of("t2").await["state"], "succeeded", "{}", home.log());
     assert_eq!(weights(&process).await, expected);
+}
+
+#[test]
+fn a_log_that_cannot_be_written_stops_nobody() {
+    let home = Home::new(&[&SETTINGS[..], &["log.filter=info"]].concat());
+    symlink("/dev/full", home.path().join("log")).unwrap();
+    let mut child = home.spawn();
+    let mut first = String::new();
+    BufReader::new(child.stdout.take().unwrap()).read_line(&mut first).unwrap();
+    child.kill().unwrap();
+    child.wait().unwrap();
+    assert!(first.starts_with("listening on "), "{first:?}");
 }

@@ -10,7 +10,7 @@ use crate::unsynced::Disk;
 const MODEL: &str = "/v1/models/site";
 
 /// The key that does everything.
-const KEY: &str = "hw_0123456789abcdef_AAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAA";
+pub(crate) const KEY: &str = "hw_0123456789abcdef_AAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAA";
 
 /// A setting that lets every server of this home know the key.
 pub(crate) fn let_in(home: &mut Home) {

@@ -7,6 +7,7 @@ use sqlx::sqlite::SqliteConnectOptions;
 use sqlx::{ConnectOptions, Connection, query};
 
 use crate::SETTINGS;
+use crate::full::window;
 use crate::process::{Home, Process};
 use crate::traffic::lines;
 
@@ -47,12 +48,11 @@ async fn held_s(process: &Process) -> f64 {
 
 /// Lists, and predictions by a version that is named and not kept loaded, without end.
 async fn read_on(process: &Process) {
-    let window = json!({"follower_speed_mps": [9, 9, 9, 9, 9], "leader_speed_mps": [8, 8, 8, 8, 8],
-        "spacing_m": [14, 13.9, 13.8, 13.7, 13.6]});
+    let ask = json!({"windows": [window()], "version": 1});
     loop {
         process.get(&format!("{MODEL}/batches?page_size=1000")).await;
         process.get(&format!("{MODEL}/versions/1/evaluation")).await;
-        process.post(&format!("{MODEL}/predict"), &json!({"windows": [window], "version": 1})).await.expect(200);
+        process.post(&format!("{MODEL}/predict"), &ask).await.expect(200);
     }
 }
 

@@ -10,6 +10,10 @@
 #[path = "../support/process.rs"]
 mod process;
 
+/// A clock, a disk and a file system that turn against the process.
+mod adverse;
+/// Bits flipped and ends cut off.
+mod flips;
 /// No room on the disk.
 mod full;
 /// Clients that go away.
@@ -18,10 +22,14 @@ mod leaving;
 mod life;
 /// Readers, and how long the write-ahead log becomes.
 mod log;
+/// File systems of a test's own.
+mod mounted;
 /// Which moments.
 mod plan;
 /// Killed before and after every commit.
 mod points;
+/// Libraries under a process.
+mod preloaded;
 /// What a dead process left on the disk.
 mod remains;
 /// Events to upload.

@@ -1,6 +1,5 @@
 use std::fs;
-use std::path::{Path, PathBuf};
-use std::process::Command;
+use std::path::PathBuf;
 
 use headway::car_following::TrafficRegime;
 use reqwest::Method;
@@ -8,6 +7,7 @@ use tempfile::TempDir;
 
 use crate::SETTINGS;
 use crate::points::all_points;
+use crate::preloaded::library;
 use crate::process::Home;
 use crate::traffic::lines;
 
@@ -20,11 +20,7 @@ pub(crate) struct Disk {
 impl Disk {
     pub(crate) fn new() -> Self {
         let folder = tempfile::tempdir().unwrap();
-        let library = folder.path().join("unsynced.so");
-        let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/faults/unsynced.c");
-        let mut compiler = Command::new(std::env::var_os("CC").unwrap_or_else(|| "cc".into()));
-        compiler.args(["-shared", "-fPIC", "-O1", "-Wall", "-Werror", "-o"]).arg(&library).arg(source).arg("-ldl");
-        assert!(compiler.status().unwrap().success(), "the C compiler that SQLite needs is there");
+        let library = library(folder.path(), "unsynced.c");
         fs::create_dir(folder.path().join("kept")).unwrap();
         Self { folder, library }
     }

@@ -55,14 +55,24 @@ impl Home {
 
     /// Starts a process with these fail points, and waits until it serves; none when it died before.
     pub(crate) fn start_failing(&self, points: &str) -> Option<Process> {
-        let mut child = self.spawn_with(points);
-        let mut first = String::new();
-        BufReader::new(child.stdout.take().unwrap()).read_line(&mut first).unwrap();
-        let Some(url) = first.trim().strip_prefix("listening on ") else {
-            assert_eq!(child.wait().unwrap().signal(), Some(SIGABRT), "{}", self.log());
-            return None;
-        };
-        Some(Process { url: url.to_owned(), child, client: reqwest::Client::new() })
+        match serving(self.spawn_with(points)) {
+            Ok(process) => Some(process),
+            Err(mut child) => {
+                assert_eq!(child.wait().unwrap().signal(), Some(SIGABRT), "{}", self.log());
+                None
+            }
+        }
+    }
+
+    /// Starts a process and waits until it serves; none when it ends by itself instead, with an error.
+    pub(crate) fn start_or_refuse(&self) -> Option<Process> {
+        match serving(self.spawn()) {
+            Ok(process) => Some(process),
+            Err(mut child) => {
+                assert_eq!(child.wait().unwrap().code(), Some(1), "{}", self.log());
+                None
+            }
+        }
     }
 
     /// What all processes said on stderr.
@@ -84,13 +94,17 @@ impl Home {
 
     /// Starts a process and waits until it serves.
     pub(crate) fn start(&self) -> Process {
-        let mut child = self.spawn();
-        let mut first = String::new();
-        BufReader::new(child.stdout.take().unwrap()).read_line(&mut first).unwrap();
-        let Some(url) = first.trim().strip_prefix("listening on ") else {
-            panic!("it does not serve: {first:?}\n{}", self.log());
-        };
-        Process { url: url.to_owned(), child, client: reqwest::Client::new() }
+        serving(self.spawn()).unwrap_or_else(|_| panic!("it does not serve: {}", self.log()))
+    }
+}
+
+/// The process once it serves; the child when it says nothing of it.
+fn serving(mut child: Child) -> Result<Process, Child> {
+    let mut first = String::new();
+    BufReader::new(child.stdout.take().unwrap()).read_line(&mut first).unwrap();
+    match first.trim().strip_prefix("listening on ") {
+        Some(url) => Ok(Process { url: url.to_owned(), child, client: reqwest::Client::new() }),
+        None => Err(child),
     }
 }
 
