@@ -8,8 +8,8 @@ use serde::{Serialize, Serializer};
 use super::{Scope, Scopes};
 use crate::lineage::ModelName;
 
-/// Longest name of a key, bytes.
-const MAX_NAME_BYTES: usize = 128;
+/// Longest name of a key, characters.
+const MAX_NAME_CHARS: usize = 128;
 /// Most models a key may be limited to.
 const MAX_MODELS: usize = 64;
 
@@ -128,9 +128,10 @@ impl KeyWish {
         if self.scopes.is_empty() {
             return refuse("scopes", "empty", "at least one of predict, ingest, train, admin is needed");
         }
-        let printable = |name: &String| (1..=MAX_NAME_BYTES).contains(&name.len()) && !name.contains(char::is_control);
+        let printable =
+            |name: &String| (1..=MAX_NAME_CHARS).contains(&name.chars().count()) && !name.contains(char::is_control);
         if !self.name.as_ref().is_none_or(printable) {
-            return refuse("name", "out_of_range", "1 to 128 bytes without control characters are needed");
+            return refuse("name", "out_of_range", "1 to 128 characters without control characters are needed");
         }
         if let Some(models) = &self.models {
             if !(1..=MAX_MODELS).contains(&models.len()) {

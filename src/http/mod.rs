@@ -75,6 +75,8 @@ mod tls;
 mod to_the_end;
 /// What tasks made.
 mod versions;
+/// Integers in bodies.
+mod whole;
 
 use std::any::Any;
 use std::sync::Arc;

@@ -19,6 +19,7 @@ use super::once::Once;
 use super::path::ModelAt;
 use super::problem::{Code, Problem};
 use super::query::Page;
+use super::whole::Whole;
 use crate::consolidation::Method;
 use crate::lineage::{Model, ModelName, ModelSettings};
 use crate::store::{Actor, model};
@@ -40,7 +41,7 @@ pub(super) struct NewModel {
 #[expect(dead_code, reason = "read to be refused for what is wrong with it, until forks are there")]
 struct Origin {
     model: ModelName,
-    version: i64,
+    version: Whole,
 }
 
 /// The body of a change.

@@ -41,8 +41,11 @@ impl<'de> Visitor<'de> for Anything {
         Ok(value.into())
     }
 
+    /// What is whole is kept as an integer: JSON has one kind of number, and `128.0` is 128.
     fn visit_f64<E>(self, value: f64) -> Result<Value, E> {
-        Ok(value.into())
+        const TOO_GREAT: f64 = 18_446_744_073_709_551_616.0; // 2⁶⁴
+        let whole = value.fract() == 0.0 && (0.0..TOO_GREAT).contains(&value);
+        Ok(if whole { (value as u64).into() } else { value.into() })
     }
 
     fn visit_str<E>(self, value: &str) -> Result<Value, E> {

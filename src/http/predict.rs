@@ -16,6 +16,7 @@ use super::object::Object;
 use super::path::ServedAt;
 use super::problem::{Code, InputError, Problem};
 use super::versions;
+use super::whole::Whole;
 use crate::access::Scope;
 use crate::driver::Window;
 use crate::predictor::{PredictError, Prediction, Simulated};
@@ -39,7 +40,7 @@ struct WindowBody {
 #[serde(deny_unknown_fields)]
 pub(super) struct PredictBody {
     windows: Vec<Object<WindowBody>>,
-    version: Option<i64>,
+    version: Option<Whole>,
 }
 
 /// The body of a simulation.
@@ -48,7 +49,7 @@ pub(super) struct PredictBody {
 pub(super) struct SimulateBody {
     initial: Object<WindowBody>,
     leader_speed_mps: Numbers,
-    version: Option<i64>,
+    version: Option<Whole>,
 }
 
 #[derive(Debug, Serialize)]
@@ -151,7 +152,11 @@ pub(super) async fn answer(app: &AppState, model: &ServedAt, body: PredictBody) 
     }
     let long = body.windows.len() > app.predictor.settings().inline_windows;
     let _slot = if long { Some(slot(&app.prediction_slots)?) } else { None };
-    let loaded = app.predictor.version(model.model_id, body.version).await.map_err(|e| refusal(model, e))?;
+    let loaded = app
+        .predictor
+        .version(model.model_id, body.version.map(|Whole(version)| version))
+        .await
+        .map_err(|e| refusal(model, e))?;
     let mut defects = Defects { most: app.settings.errors_max, found: Vec::new() };
     for (at, Object(window)) in body.windows.iter().enumerate() {
         defects.window(|| format!("/windows/{at}"), window, loaded.horizon());
@@ -179,7 +184,11 @@ pub(super) async fn simulate(
         return Err(too_many("/leader_speed_mps", body.leader_speed_mps.len(), most));
     }
     let _slot = slot(&app.prediction_slots)?;
-    let loaded = app.predictor.version(model.model_id, body.version).await.map_err(|e| refusal(&model, e))?;
+    let loaded = app
+        .predictor
+        .version(model.model_id, body.version.map(|Whole(version)| version))
+        .await
+        .map_err(|e| refusal(&model, e))?;
     let mut defects = Defects { most: app.settings.errors_max, found: Vec::new() };
     defects.window(|| "/initial".to_owned(), &body.initial.0, loaded.horizon());
     defects.numbers("/leader_speed_mps", &body.leader_speed_mps);

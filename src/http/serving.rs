@@ -19,20 +19,21 @@ use super::problem::{Code, InputError, Problem};
 use super::query::Page;
 use super::replay::report_body;
 use super::versions;
+use super::whole::Whole;
 use crate::lineage::Model;
 use crate::predictor::PredictError;
 use crate::store::history::HistoryEntry;
 use crate::store::live::{self, MoveRefused, MoveRequest, Moved};
 use crate::store::{Actor, WriteTransaction, model};
 
-/// Longest reason, in bytes.
-const MAX_REASON_BYTES: usize = 1024;
+/// Longest reason, in characters.
+const MAX_REASON_CHARS: usize = 1024;
 
 /// The body of a promotion.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Promotion {
-    version: i64,
+    version: Whole,
     reason: String,
     /// Needed for tainted versions.
     #[serde(default)]
@@ -43,7 +44,7 @@ pub(super) struct Promotion {
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Rollback {
-    version: Option<i64>,
+    version: Option<Whole>,
     reason: String,
     /// Needed for tainted versions.
     #[serde(default)]
@@ -92,13 +93,13 @@ pub(super) async fn rollback(
     Ok(answer)
 }
 
-fn wish(version: Option<i64>, reason: &str, force: bool) -> Result<MoveRequest<'_>, Problem> {
-    if !(1..=MAX_REASON_BYTES).contains(&reason.len()) {
-        let detail = format!("1 to {MAX_REASON_BYTES} bytes");
+fn wish(version: Option<Whole>, reason: &str, force: bool) -> Result<MoveRequest<'_>, Problem> {
+    if !(1..=MAX_REASON_CHARS).contains(&reason.chars().count()) {
+        let detail = format!("1 to {MAX_REASON_CHARS} characters");
         let error = InputError::at("/reason", "out_of_range", detail);
         return Err(Code::InvalidBody.because("a reason is needed for the history").with_error(error));
     }
-    Ok(MoveRequest { version, reason, force })
+    Ok(MoveRequest { version: version.map(|Whole(version)| version), reason, force })
 }
 
 async fn make_move(

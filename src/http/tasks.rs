@@ -16,6 +16,7 @@ use super::answer::Answer;
 use super::body::JsonBody;
 use super::idempotency::Repeatable;
 use super::object::Object;
+use super::once::Once;
 use super::path::{ModelAt, TaskAt, batch_id, parse_id, task_id};
 use super::problem::{Code, InputError, Problem};
 use super::query::{Page, Query};
@@ -34,7 +35,7 @@ pub(super) struct NewTask {
     #[serde(rename = "where")]
     only: Option<Object<Only>>,
     #[serde(default)]
-    settings: Value,
+    settings: Once,
 }
 
 #[derive(Debug, Deserialize)]
@@ -154,8 +155,9 @@ fn wish(model: &Model, new: NewTask) -> Result<TaskRequest, Problem> {
         let error = InputError::at("/where/mean_speed_mps", "out_of_range", "[low, high] with low <= high is needed");
         return Err(Code::InvalidBody.because("no speed lies in this band").with_error(error));
     }
-    model.settings.for_task(&new.settings)?;
-    Ok(TaskRequest { selection, mean_speed_mps, settings: new.settings })
+    let Once(settings) = new.settings;
+    model.settings.for_task(&settings)?;
+    Ok(TaskRequest { selection, mean_speed_mps, settings })
 }
 
 fn rows(ids: &[String]) -> Result<Vec<i64>, Problem> {

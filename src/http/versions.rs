@@ -16,8 +16,8 @@ use super::query::Page;
 use crate::lineage::{Model, RegimeEvaluation, ServedMeasures, TestMeasures, Version};
 use crate::store::{Actor, StoreError, version};
 
-/// Longest note, in bytes.
-const MAX_NOTE_BYTES: usize = 4096;
+/// Longest note, in characters.
+const MAX_NOTE_CHARS: usize = 4096;
 
 /// The body of a change: the only thing about a version that may change.
 #[derive(Debug, Deserialize)]
@@ -107,8 +107,8 @@ pub(super) async fn annotate(
     by: Actor,
     JsonBody { value: Note { note }, .. }: JsonBody<Note>,
 ) -> Result<Answer, Problem> {
-    if note.as_ref().is_some_and(|note| note.len() > MAX_NOTE_BYTES) {
-        let detail = format!("at most {MAX_NOTE_BYTES} bytes");
+    if note.as_ref().is_some_and(|note| note.chars().count() > MAX_NOTE_CHARS) {
+        let detail = format!("at most {MAX_NOTE_CHARS} characters");
         return Err(Code::InvalidBody
             .because("the note is too long")
             .with_error(InputError::at("/note", "too_long", detail)));

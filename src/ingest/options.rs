@@ -53,7 +53,7 @@ pub struct OptionError {
 
 /// Longest vehicle believed, m.
 const MAX_LENGTH_M: f64 = 50.0;
-const MAX_SOURCE_BYTES: usize = 512;
+const MAX_SOURCE_CHARS: usize = 512;
 
 impl UploadOptions {
     /// How events are to be converted.
@@ -64,8 +64,8 @@ impl UploadOptions {
         if self.dt_s.is_some_and(|dt_s| !(dt_s > 0.0 && dt_s.is_finite())) {
             return Err(invalid("dt_s", "a step above 0 s is needed".to_owned()));
         }
-        if self.source.as_ref().is_some_and(|source| source.is_empty() || source.len() > MAX_SOURCE_BYTES) {
-            return Err(invalid("source", format!("1 to {MAX_SOURCE_BYTES} bytes are needed")));
+        if self.source.as_ref().is_some_and(|source| !(1..=MAX_SOURCE_CHARS).contains(&source.chars().count())) {
+            return Err(invalid("source", format!("1 to {MAX_SOURCE_CHARS} characters are needed")));
         }
         let leader = length("leader_length_m", self.leader_length_m)?;
         let follower = length("follower_length_m", self.follower_length_m)?;

@@ -5,6 +5,8 @@
 #[path = "../support/mod.rs"]
 mod support;
 
+/// What fits the contract is taken.
+mod accepted;
 /// What is asked with which key.
 mod access;
 /// Who changed what.
