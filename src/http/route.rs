@@ -79,11 +79,13 @@ pub(super) struct Needs(HashMap<&'static str, Vec<(Method, Need)>>);
 
 impl Needs {
     /// What a request of this method needs at the route of this path. What no route answers needs a key: who has none is not
-    /// told what there is.
+    /// told what there is, but where everything is open.
     pub(super) fn of(&self, path: &str, method: &Method) -> Need {
         let method = if method == Method::HEAD { &Method::GET } else { method };
         let methods = self.0.get(path).map_or(&[][..], Vec::as_slice);
-        methods.iter().find(|(own, _)| own == method).map_or(Need::AnyKey, |&(_, need)| need)
+        let open = !methods.is_empty() && methods.iter().all(|&(_, need)| need == Need::Nothing);
+        let else_needed = if open { Need::Nothing } else { Need::AnyKey };
+        methods.iter().find(|(own, _)| own == method).map_or(else_needed, |&(_, need)| need)
     }
 }
 
@@ -105,11 +107,13 @@ mod tests {
     #[test]
     fn what_no_route_answers_needs_a_key_and_head_what_get_does() {
         let route = at("/a").get(Need::Nothing, async || "").post(Need::May(Scope::Train), async || "");
-        let (_, needs) = router(vec![route]);
+        let open = at("/open").get(Need::Nothing, async || "");
+        let (_, needs) = router(vec![route, open]);
         assert_eq!(needs.of("/a", &Method::GET), Need::Nothing);
         assert_eq!(needs.of("/a", &Method::HEAD), Need::Nothing);
         assert_eq!(needs.of("/a", &Method::POST), Need::May(Scope::Train));
         assert_eq!(needs.of("/a", &Method::PUT), Need::AnyKey);
         assert_eq!(needs.of("/b", &Method::GET), Need::AnyKey);
+        assert_eq!(needs.of("/open", &Method::PUT), Need::Nothing);
     }
 }

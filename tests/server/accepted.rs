@@ -47,6 +47,19 @@ async fn lengths_are_counted_in_characters() {
     server.stop().await;
 }
 
+/// Nothing there is to be hidden.
+#[tokio::test]
+async fn an_open_path_tells_its_methods_to_who_has_no_key() {
+    let mut server = Server::start().await;
+    server.close_gate().await;
+    server.key = None;
+    for path in ["/healthz", "/readyz"] {
+        let answer = server.send(server.request(reqwest::Method::PUT, path)).await;
+        assert_eq!(answer.expect_problem(405, "method_not_allowed").header("allow"), "GET,HEAD");
+    }
+    server.stop().await;
+}
+
 #[tokio::test]
 async fn a_tasks_settings_say_everything_once() {
     let server = Server::start().await;
