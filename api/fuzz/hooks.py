@@ -1,0 +1,147 @@
+"""What run.py adds to schemathesis: who may do what, which refusals the contract cannot foresee, likelier input, counts."""
+
+import collections
+import json
+import os
+import pathlib
+import re
+
+import schemathesis
+from schemathesis.core.failures import ServerError
+from schemathesis.openapi.checks import EnsureResourceAvailability, RejectedPositiveData, UseAfterFree
+
+from traffic import followed
+
+CALLER, KEY = os.environ["HEADWAY_CALLER"], os.environ["HEADWAY_KEY"]
+# Keys that must outlive the run.
+SPARED = os.environ["HEADWAY_SPARED"].split()
+COUNTED = pathlib.Path(os.environ["HEADWAY_COUNTED"])
+HORIZON = 10
+
+# Refusals of requests that fit the contract, as `code error/member: detail`, and why a schema does not foresee them.
+FORESEEN = {
+    "no_event_accepted ": "whether numbers are traffic is for physics to say; the answer judges event by event",
+    "idempotency_mismatch ": "an Idempotency-Key belongs to the first request that came with it",
+    "precondition_failed ": "If-Match is compared with the model's ETag",
+    "version_not_found ": "a body may name a version that is not there",
+    "invalid_body unknown_batch/": "a body may name a batch that is not there",
+    "invalid_body window_length/": "how long a window is, is the model's setting",
+    "invalid_body out_of_range/expires_at: it lies in the past": "a schema does not know what time it is",
+    "invalid_body not_limited/models: admin": "which members exclude each other, descriptions say",
+    "invalid_body out_of_range/mean_speed_mps: .*low <= high": "a schema does not compare members",
+    "invalid_body preset [a-z]+ names columns, and a JSON event has none": "which option goes with which body, descriptions say",
+    "invalid_query missing_option/": "a spacing that is not net needs lengths, as descriptions say",
+    "invalid_query unknown_token/page_token": "whether this list gave a token, the server knows",
+    "invalid_query out_of_range/wait_s: 0 to 1$": "the run sets the greatest wait to 1 s, so as not to wait",
+    "invalid_settings invalid_setting/[a-z0-9_]*: (?!.*(is not within|invalid type|unknown|expected))":
+        "each setting is right by itself: which go together, with a method, or with the model's in a task, descriptions say",
+}
+# The same where a body is not JSON, or says that it is compressed.
+FORESEEN_OF_BYTES = {"(malformed|truncated|invalid)_body ": "what rows, columns and compressed bytes may be, descriptions say"}
+
+# What any call may be answered, as the contract says once for all of them; 500 is in it, and never right.
+ANY = {401, 403, 405, 406, 408, 413, 429, 503, 507}
+
+answers, excused = collections.Counter(), collections.Counter()
+
+
+def operation_id(case):
+    return case.operation.definition.raw["operationId"]
+
+
+def foreseen(case, response):
+    """Why a refusal of what fits the contract is right; none when any of its errors was not foreseen."""
+    try:
+        told = json.loads(response.content)
+        code, errors = told["code"], told.get("errors", [])
+    except (ValueError, TypeError, KeyError):
+        return None
+    where = lambda error: (error.get("parameter") or error.get("pointer") or "").split("/")[-1]
+    lines = [f"{code} {error['code']}/{where(error)}: {error['detail']}" for error in errors] or [f"{code} {told['detail']}"]
+    raw = operation_id(case) in ("upload", "evaluate") and (
+        case.media_type != "application/json" or "Content-Encoding" in case.headers)
+    known = FORESEEN | (FORESEEN_OF_BYTES if raw else {})
+    reasons = [next((why for pattern, why in known.items() if re.match(pattern, line)), None) for line in lines]
+    return None if None in reasons else reasons[0]
+
+
+@schemathesis.hook
+def filter_failure(context, failure, case, response):
+    """Whether there is something to explain."""
+    why = None
+    if isinstance(failure, (RejectedPositiveData, EnsureResourceAvailability)):
+        why = foreseen(case, response)
+    elif isinstance(failure, ServerError) and response.status_code == 501 and "501" in case.operation.responses.status_codes:
+        why = "a later release brings it, and the contract says so"
+    elif isinstance(failure, UseAfterFree):
+        why = "DELETE retracts a batch and revokes a key: both stay in their lists, marked"
+    if why:
+        excused[why] += 1
+    return not why
+
+
+@schemathesis.check
+def answered_as_listed(ctx, response, case):
+    """Beside what any call may be answered, `default` hides nothing that an operation does not list."""
+    listed = case.operation.responses.status_codes
+    assert response.status_code in ANY or str(response.status_code) in listed, f"{response.status_code} is not listed"
+
+
+@schemathesis.check
+def no_further_than_it_may(ctx, response, case):
+    """Without a key that has the operation's scope, for the model that it is about, nobody gets past 401 or 403."""
+    needs = case.operation.definition.raw.get("security", [{"key": []}])
+    if not needs:
+        return
+    [scopes] = needs[0].values()
+    model = str((case.path_parameters or {}).get("model", "elsewhere"))
+    if not KEY or response.request.headers.get("Authorization") != f"Bearer {KEY}":
+        expected = 401
+    elif CALLER == "elsewhere" and (operation_id(case) in ("metrics", "createModel") or "admin" in scopes or model != CALLER):
+        expected = 403
+    elif CALLER not in ("admin", "elsewhere") and scopes and CALLER not in scopes:
+        expected = 403
+    else:
+        return
+    # A path or a method that is none is told from one that is closed; neither lets anybody in.
+    assert response.status_code in (expected, 404, 405), f"{CALLER} was answered {response.status_code}, not {expected}"
+
+
+@schemathesis.hook
+def filter_case(context, case):
+    """Nothing ends the keys of the run, and one model goes on serving."""
+    name, path = operation_id(case), case.path_parameters or {}
+    if name == "revokeKey":
+        return str(path.get("key_id")) not in SPARED
+    return name not in ("retractBatch", "rollback") or str(path.get("model")) != "kept"
+
+
+@schemathesis.hook
+def map_case(context, case):
+    """Arrays made up at random are hardly ever a window or an event: in half of the valid cases they become one."""
+    if not isinstance(case.body, dict) or not case.meta or not case.meta.generation.mode.is_positive:
+        return case
+    name, body = operation_id(case), case.body
+    drawn = len(json.dumps(body, default=str))
+    if drawn % 2:
+        return case
+    if name == "predict":
+        for window in body["windows"]:
+            stretch(window)
+    elif name == "simulate":
+        stretch(body["initial"])
+    elif name in ("upload", "evaluate"):
+        for number, event in enumerate(body["events"]):
+            event |= followed(drawn + number)
+    return case
+
+
+def stretch(window):
+    for name, values in window.items():
+        window[name] = [values[k % len(values)] for k in range(HORIZON)]
+
+
+@schemathesis.hook
+def after_call(context, case, response):
+    answers[f"{operation_id(case)} {response.status_code}"] += 1
+    COUNTED.write_text(json.dumps({"answers": answers, "excused": excused}))
