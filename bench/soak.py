@@ -210,6 +210,8 @@ def main():
         rows = watched(server, soak, database, args.minutes)
         for client in clients:
             client.join(timeout=180)
+        # The server has hung up by now: nothing was asked on this connection all the time.
+        server.connection.close()
         model = server.call("GET", MODEL)
         kept = set(listed(server, "batches", "batch_id"))
         server.stop()
