@@ -92,6 +92,13 @@ async fn differing(one: &Path, other: &Path, tables: &[(String, String)]) -> BTr
     differing
 }
 
+/// Copies what is in a database, be it in its file or in the write-ahead log.
+async fn copy(database: &Path, to: &Path) {
+    let mut connection = SqliteConnectOptions::new().filename(database).connect().await.unwrap();
+    query("vacuum into ?").bind(to.to_str().unwrap()).execute(&mut connection).await.unwrap();
+    connection.close().await.unwrap();
+}
+
 /// What the live versions answer, and what the task that waits comes to.
 async fn go_on(lived: Lived) -> (TempDir, Vec<Value>) {
     let server = lived.start("").await;
@@ -127,7 +134,7 @@ async fn a_database_of_every_earlier_schema_keeps_its_rows_and_bits_and_goes_on_
     for schema in schemas() {
         let current = Lived::until(schema).await;
         let (kept, key) = (current.directory.path().join("kept.db"), current.key.clone());
-        std::fs::copy(current.database(), &kept).unwrap();
+        copy(&current.database(), &kept).await;
         let (current, expected) = go_on(current).await;
         assert_eq!(backups(&current), [] as [PathBuf; 0], "nothing was migrated");
         let (directory, tables) = as_of(schema, &kept).await;
@@ -163,7 +170,7 @@ async fn nothing_is_migrated_without_a_backup_unless_the_settings_say_so() {
     let (old, _) = as_of(1, &current.database()).await;
     // So long a name that the backup's would be too long.
     let database = old.path().join("n".repeat(240));
-    std::fs::copy(old.path().join("headway.db"), &database).unwrap();
+    copy(&old.path().join("headway.db"), &database).await;
     let told = refused(&database);
     assert!(told.contains("cannot write"), "{told}");
     assert_eq!(verify(&database, &|_| ()).await.unwrap().schema, 1, "it is as it was");
