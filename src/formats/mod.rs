@@ -27,8 +27,9 @@ mod media;
 mod ndjson;
 /// Where decoded events go.
 mod output;
-/// Parquet: one step a row.
+/// What Parquet files say of themselves, looked at first.
 mod pages;
+/// Parquet: one step a row.
 mod parquet;
 /// A decoded event, and where it was.
 mod raw;
@@ -36,6 +37,8 @@ mod raw;
 mod rows;
 /// The body's bytes: decompressed, counted.
 mod source;
+/// The protocol in which Parquet files speak of themselves.
+mod thrift;
 
 use std::fs::File;
 

@@ -29,6 +29,7 @@ pub(super) fn decode(
     whole(&mut file)?;
     let length = file.metadata().map_err(FormatError::Io)?.len();
     let look = file.try_clone().map_err(FormatError::Io)?;
+    pages::footer(&look, length)?;
     let reader = guarded(|| SerializedFileReader::new(Bounded { file, length }))?;
     let schema = reader.metadata().file_metadata().schema_descr_ptr();
     let paths: Vec<_> = schema.columns().iter().map(|column| column.path().string()).collect();
