@@ -30,5 +30,6 @@ pub use learner::{Learner, Training};
 pub use priority::step_back;
 pub use retrain::{RetrainError, Retrained, retrain};
 pub use running::{SearchPlace, TaskProgress};
+pub use search::SearchState;
 pub use settings::{MOST_THREADS, SchedulerSettings};
 pub use tick::TickOutcome;

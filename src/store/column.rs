@@ -64,20 +64,6 @@ pub(super) fn sha256(parts: &[&[u8]]) -> [u8; 32] {
     hasher.finalize().into()
 }
 
-/// Values as stored: little-endian f32.
-pub(super) fn stored_floats(values: &[f32]) -> Vec<u8> {
-    values.iter().map(|x| x.to_le_bytes()).collect::<Vec<_>>().into_flattened()
-}
-
-/// The values whose [`stored_floats`] these are.
-pub(super) fn floats(what: &'static str, bytes: &[u8]) -> Result<Vec<f32>, StoreError> {
-    let (values, rest) = bytes.as_chunks::<4>();
-    if !rest.is_empty() {
-        return Err(StoreError::malformed(what, format!("{} bytes are no whole number of f32", bytes.len())));
-    }
-    Ok(values.iter().map(|b| f32::from_le_bytes(*b)).collect())
-}
-
 /// Ids as a JSON array, for `json_each`.
 pub(super) fn stored_ids(ids: &[i64]) -> String {
     serde_json::to_string(ids).expect("numbers are plain data")

@@ -5,6 +5,7 @@ use futures_util::{Stream, StreamExt, TryStreamExt};
 use sqlx::sqlite::SqliteRow;
 use sqlx::{Row, query};
 
+use super::array::integers;
 use super::column::{digest, stored_ids};
 use super::line::with_line;
 use super::version::ROLL_BACK;
@@ -234,15 +235,7 @@ impl Store {
             let detail = format!("test reservoir {reservoir_id} is corrupt: its digest does not match; {ROLL_BACK}");
             return Err(StoreError::corrupt(Part::Reservoir, detail));
         }
-        let bytes: &[u8] = row.try_get("event_ids")?;
-        let (ids, rest) = bytes.as_chunks::<8>();
-        if !rest.is_empty() {
-            return Err(StoreError::malformed(
-                "reservoir",
-                format!("{} bytes are no whole number of ids", bytes.len()),
-            ));
-        }
-        Ok(ids.iter().map(|id| i64::from_le_bytes(*id)).collect())
+        integers("reservoir", row.try_get("event_ids")?)
     }
 }
 

@@ -3,7 +3,8 @@
 use sqlx::sqlite::SqliteRow;
 use sqlx::{Row, query};
 
-use super::column::{count, digest, floats, optional_count, sha256, word};
+use super::array::floats;
+use super::column::{count, digest, optional_count, sha256, word};
 use super::version::ROLL_BACK;
 use super::{Part, Store, StoreError, seal};
 use crate::consolidation::RegimeMemory;

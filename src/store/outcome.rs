@@ -4,7 +4,8 @@ use jiff::Timestamp;
 use sqlx::sqlite::SqliteRow;
 use sqlx::{Row, query};
 
-use super::column::{sha256, stored_floats, stored_time};
+use super::array::{stored_floats, stored_integers};
+use super::column::{sha256, stored_time};
 use super::history::{self, Change};
 use super::pointers::{self, Pointers};
 use super::{Purpose, StoreError, WriteTransaction, seal, taint};
@@ -202,10 +203,9 @@ async fn insert_regimes(
         Some(memory) => Some(insert_anchor(transaction, model_id, memory).await?),
         None => None,
     };
-    let ids: Vec<u8> = outcome.reservoir.iter().flat_map(|id| id.to_le_bytes()).collect();
     let row = query("insert into reservoir (model_id, event_ids) values (?, ?) returning reservoir_id")
         .bind(model_id)
-        .bind(ids)
+        .bind(stored_integers(&outcome.reservoir))
         .fetch_one(&mut **transaction)
         .await?;
     let reservoir_id: i64 = row.try_get("reservoir_id")?;

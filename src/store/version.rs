@@ -5,7 +5,8 @@ use serde_json::Value;
 use sqlx::sqlite::{SqliteConnection, SqliteRow};
 use sqlx::{Row, query};
 
-use super::column::{count, digest, floats, json, sha256, stored_floats, stored_time, time, word};
+use super::array::{floats, stored_floats};
+use super::column::{count, digest, json, sha256, stored_time, time, word};
 use super::{Part, Purpose, Store, StoreError, WriteTransaction, seal};
 use crate::lineage::Version;
 

@@ -14,7 +14,7 @@ const MAGIC: &[u8; 8] = b"HWCKPT03";
 
 /// Where a stage stands between two updates.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Checkpoint {
+pub struct Checkpoint {
     /// Of the input it belongs to.
     pub fingerprint: [u8; 32],
     /// Epochs done.
@@ -52,7 +52,9 @@ impl Checkpoint {
         }
     }
 
-    pub(super) fn to_bytes(&self) -> Vec<u8> {
+    /// As it is kept.
+    #[must_use]
+    pub fn to_bytes(&self) -> Vec<u8> {
         let mut bytes = MAGIC.to_vec();
         bytes.extend(self.fingerprint);
         bytes.extend(self.epoch.to_le_bytes());
@@ -78,7 +80,10 @@ impl Checkpoint {
     }
 
     /// The checkpoint in `bytes`, which must belong to the input of this fingerprint.
-    pub(super) fn from_bytes(bytes: &[u8], fingerprint: &[u8; 32]) -> Result<Self, String> {
+    ///
+    /// # Errors
+    /// Why they are none, for a person.
+    pub fn from_bytes(bytes: &[u8], fingerprint: &[u8; 32]) -> Result<Self, String> {
         let mut rest = bytes;
         let mut take = |len: usize| {
             let (head, tail) = rest.split_at_checked(len).ok_or("it is too short")?;
@@ -111,6 +116,9 @@ impl Checkpoint {
         let interim = Some(interim).filter(|interim| interim.epoch > 0);
         let parameters = u64::from_le_bytes(eight(take(8)?));
         let of_path = u64::from_le_bytes(eight(take(8)?));
+        if of_path != 0 && of_path != parameters {
+            return Err("its arrays differ in length".to_owned());
+        }
         let mut floats = |count: u64| {
             let bytes =
                 usize::try_from(count).ok().and_then(|count| count.checked_mul(4)).ok_or("its arrays are too long")?;
@@ -175,8 +183,11 @@ mod tests {
         checkpoint.adam.step(&mut checkpoint.weights, &[0.5, 0.5, 0.5], 0.1);
         checkpoint.path = Some(PathIntegral::resumed(vec![0.5, 0.25, -1.0]));
         let bytes = checkpoint.to_bytes();
-        assert_eq!(Checkpoint::from_bytes(&bytes, &[7; 32]), Ok(checkpoint));
+        assert_eq!(Checkpoint::from_bytes(&bytes, &[7; 32]).as_ref(), Ok(&checkpoint));
         assert!(Checkpoint::from_bytes(&bytes, &[8; 32]).is_err());
+        let mut short = checkpoint.clone();
+        short.path = Some(PathIntegral::resumed(vec![0.5]));
+        assert!(Checkpoint::from_bytes(&short.to_bytes(), &[7; 32]).is_err());
         assert!(Checkpoint::from_bytes(&bytes[..bytes.len() - 1], &[7; 32]).is_err());
         assert!(Checkpoint::from_bytes(&bytes[..20], &[7; 32]).is_err());
         assert!(Checkpoint::from_bytes(b"", &[7; 32]).is_err());

@@ -16,7 +16,7 @@ mod stage;
 mod start;
 
 pub use adam::{Adam, clip_norm};
-pub use checkpoint::stage_fingerprint;
+pub use checkpoint::{Checkpoint, stage_fingerprint};
 pub use input::{LearnSettings, StageInput};
 pub use learned::{LearnError, Learned};
 pub use line::Line;

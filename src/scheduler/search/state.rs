@@ -38,7 +38,7 @@ impl Row {
 
 /// What is done, and where the stage under way goes on.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct SearchState {
+pub struct SearchState {
     /// Of everything the search depends on.
     fingerprint: [u8; 32],
     /// The parent, the stage without a penalty, and the candidates, as far as they are done.
@@ -49,12 +49,20 @@ pub(super) struct SearchState {
 
 impl SearchState {
     /// Before anything was measured.
-    pub(super) fn begin(fingerprint: [u8; 32]) -> Self {
+    #[must_use]
+    pub fn begin(fingerprint: [u8; 32]) -> Self {
         Self { fingerprint, rows: Vec::new(), stage: None }
     }
 
+    /// The checkpoint of the next stage, where it has begun.
+    #[must_use]
+    pub fn stage(&self) -> Option<&[u8]> {
+        self.stage.as_deref()
+    }
+
     /// With `stage` for the checkpoint of the next stage; empty before its first.
-    pub(super) fn to_bytes(&self, stage: &[u8]) -> Vec<u8> {
+    #[must_use]
+    pub fn to_bytes(&self, stage: &[u8]) -> Vec<u8> {
         let rows = serde_json::to_vec(&self.rows).expect("errors are plain data");
         let mut bytes = MAGIC.to_vec();
         bytes.extend(self.fingerprint);
@@ -65,7 +73,10 @@ impl SearchState {
     }
 
     /// The state in `bytes`, which must belong to the search of this fingerprint.
-    pub(super) fn from_bytes(bytes: &[u8], fingerprint: [u8; 32]) -> Result<Self, String> {
+    ///
+    /// # Errors
+    /// Why they are none, for a person.
+    pub fn from_bytes(bytes: &[u8], fingerprint: [u8; 32]) -> Result<Self, String> {
         let short = || "it is too short".to_owned();
         let (magic, rest) = bytes.split_first_chunk::<8>().ok_or_else(short)?;
         if magic != MAGIC {
