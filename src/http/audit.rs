@@ -6,11 +6,11 @@ use axum::extract::State;
 use serde::Deserialize;
 use serde_json::{Value, json};
 
-use super::AppState;
 use super::answer::Answer;
 use super::path::find_model;
 use super::problem::Problem;
 use super::query::{Page, Query};
+use super::{AppState, ServerSettings};
 use crate::store::audit::AuditEntry;
 
 /// The query of the log.
@@ -20,6 +20,13 @@ pub(super) struct Wanted {
     model: Option<String>,
     page_size: Option<u32>,
     page_token: Option<String>,
+}
+
+impl Wanted {
+    /// The page that is wanted.
+    pub(super) fn page(&self, settings: &ServerSettings) -> Result<Page, Problem> {
+        Page::new(self.page_size, self.page_token.as_deref(), settings)
+    }
 }
 
 fn body(entry: &AuditEntry) -> Value {
@@ -36,12 +43,9 @@ fn body(entry: &AuditEntry) -> Value {
 }
 
 /// `GET /v1/audit`
-pub(super) async fn list(
-    State(app): State<Arc<AppState>>,
-    Query(Wanted { model, page_size, page_token }): Query<Wanted>,
-) -> Result<Answer, Problem> {
-    let page = Page::new(page_size, page_token.as_deref(), &app)?;
-    let model_id = match model {
+pub(super) async fn list(State(app): State<Arc<AppState>>, Query(wanted): Query<Wanted>) -> Result<Answer, Problem> {
+    let page = wanted.page(&app.settings)?;
+    let model_id = match wanted.model {
         Some(name) => Some(find_model(&app, &name).await?.model_id),
         None => None,
     };

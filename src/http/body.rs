@@ -12,7 +12,7 @@ use axum::http::header::{CONTENT_LENGTH, CONTENT_TYPE};
 use bytes::Bytes;
 use futures_util::Stream;
 use http_body_util::BodyExt;
-use serde::de::DeserializeOwned;
+use serde::de::{DeserializeOwned, IgnoredAny};
 use sha2::{Digest, Sha256};
 use tokio::sync::OwnedSemaphorePermit;
 
@@ -92,7 +92,7 @@ where
     B: HttpBody<Data = Bytes>,
     B::Error: Display,
 {
-    if !is_json(headers) {
+    if !says_json(headers) {
         return Err(Code::UnsupportedMediaType.because("this call takes application/json"));
     }
     let (limit, mut pace) = (app.settings.json_body_bytes, Pace::of(&app.settings));
@@ -207,7 +207,7 @@ pub(super) fn media_type(headers: &HeaderMap) -> Option<String> {
     Some(value.split(';').next().unwrap_or_default().trim().to_ascii_lowercase())
 }
 
-fn is_json(headers: &HeaderMap) -> bool {
+fn says_json(headers: &HeaderMap) -> bool {
     media_type(headers).is_some_and(|media| {
         media == "application/json" || (media.starts_with("application/") && media.ends_with("+json"))
     })
@@ -223,7 +223,7 @@ async fn parse_somewhere<T: DeserializeOwned + Send + 'static>(body: Held) -> Re
 }
 
 /// Keeping track of where in the body something is takes longer than to read it: done only once something is wrong.
-fn parse<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, Problem> {
+pub(super) fn parse<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, Problem> {
     match serde_json::from_slice(bytes) {
         Ok(Object(value)) => Ok(value),
         Err(_) => explain(bytes),
@@ -235,23 +235,24 @@ fn explain<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, Problem> {
     let mut deserializer = serde_json::Deserializer::from_slice(bytes);
     let Object(value) = serde_path_to_error::deserialize(&mut deserializer).map_err(|e| {
         let pointer = pointer(e.path());
-        refusal(&e.into_inner(), pointer)
+        refusal(&e.into_inner(), pointer, bytes)
     })?;
-    deserializer.end().map_err(|e| refusal(&e, String::new()))?;
+    deserializer.end().map_err(|e| refusal(&e, String::new(), bytes))?;
     Ok(value)
 }
 
-fn refusal(error: &serde_json::Error, pointer: String) -> Problem {
-    if error.is_data() || is_out_of_range(error) {
+fn refusal(error: &serde_json::Error, pointer: String, bytes: &[u8]) -> Problem {
+    if error.is_data() || is_json(bytes) {
         let detail = error.to_string();
         return Code::InvalidBody.because(detail.clone()).with_error(InputError::at(pointer, "invalid_value", detail));
     }
     Code::MalformedJson.because(error.to_string())
 }
 
-/// Whether a number is well formed and greater than any 64-bit float, which `serde_json` takes for a fault of syntax.
-fn is_out_of_range(error: &serde_json::Error) -> bool {
-    error.to_string().starts_with("number out of range")
+/// Whether a body is JSON, whatever it says. `serde_json` also calls a fault of syntax what is none: a number greater than any
+/// 64-bit float, a number in place of a name, more nesting than it takes.
+fn is_json(bytes: &[u8]) -> bool {
+    std::str::from_utf8(bytes).is_ok_and(|text| serde_json::from_str::<IgnoredAny>(text).is_ok())
 }
 
 fn pointer(path: &serde_path_to_error::Path) -> String {
@@ -286,6 +287,9 @@ mod tests {
         assert_eq!(code(r#"{"windows": [[NaN]]}"#), Code::MalformedJson);
         assert_eq!(code(r#"{"windows": [], "more": 1}"#), Code::InvalidBody);
         assert_eq!(code("[[]]"), Code::InvalidBody);
+        let method = |body: &[u8]| parse::<std::collections::BTreeMap<String, crate::consolidation::Method>>(body);
+        assert_eq!(method(b"{\"method\": 50}").unwrap_err().code(), Code::InvalidBody);
+        assert_eq!(method(b"{\"method\": \"\xff\"}").unwrap_err().code(), Code::MalformedJson);
         let context = super::super::problem::RequestContext { request_id: String::new(), path: String::new() };
         for wrong in [r#"{"windows": [[1], [2, "x"]]}"#, r#"{"windows": [[1], [2, -1e999]]}"#] {
             let problem = parse::<Example>(wrong.as_bytes()).unwrap_err();

@@ -29,7 +29,7 @@ use crate::access::{Class, Standing};
 /// for `debug`.
 const OFTEN: [&str; 4] = [predict::ROUTE, "/v1/models/{model}/simulate", "/healthz", "/readyz"];
 
-const REQUEST_ID: HeaderName = HeaderName::from_static("x-request-id");
+pub(super) const REQUEST_ID: HeaderName = HeaderName::from_static("x-request-id");
 
 impl<S: Sync> FromRequestParts<S> for RequestContext {
     type Rejection = Problem;
@@ -69,7 +69,8 @@ impl RequestIds {
     }
 }
 
-fn is_sane(id: &[u8]) -> bool {
+/// Whether a client's id for its request is one to take.
+pub(super) fn is_sane(id: &[u8]) -> bool {
     (1..=128).contains(&id.len()) && id.iter().all(|&b| b.is_ascii_alphanumeric() || b"-_.:".contains(&b))
 }
 

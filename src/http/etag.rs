@@ -17,16 +17,24 @@ pub(super) fn etag(model: &Model) -> String {
 /// # Errors
 /// 412 when `If-Match` is there and names neither this revision nor `*`.
 pub(super) fn check_if_match(headers: &HeaderMap, model: &Model) -> Result<(), Problem> {
+    let current = etag(model);
+    if is_meant(headers, &current) {
+        Ok(())
+    } else {
+        Err(Code::PreconditionFailed.because(format!("its ETag is {current}")))
+    }
+}
+
+/// Whether a request is meant for the revision `current`.
+pub(super) fn is_meant(headers: &HeaderMap, current: &str) -> bool {
     let mut wanted = headers.get_all(IF_MATCH).iter().peekable();
     if wanted.peek().is_none() {
-        return Ok(());
+        return true;
     }
-    let current = etag(model);
-    let matches = wanted
+    wanted
         .filter_map(|value| value.to_str().ok())
         .flat_map(|value| value.split(','))
-        .any(|tag| matches!(tag.trim(), "*") || tag.trim() == current);
-    if matches { Ok(()) } else { Err(Code::PreconditionFailed.because(format!("its ETag is {current}"))) }
+        .any(|tag| matches!(tag.trim(), "*") || tag.trim() == current)
 }
 
 #[cfg(test)]

@@ -4,7 +4,6 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use axum::extract::{Request, State};
-use axum::http::Uri;
 use jiff::Timestamp;
 use rayon::ThreadPool;
 use serde::Deserialize;
@@ -35,7 +34,7 @@ pub struct Evaluator {
 /// What the query asks for beside the options of an upload.
 #[derive(Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Asked {
+pub(super) struct Asked {
     versions: Option<String>,
     references: Option<String>,
 }
@@ -48,7 +47,7 @@ pub(super) async fn evaluate(
     http: Request,
 ) -> Result<Answer, Problem> {
     let (format, encoding) = kind(http.headers())?;
-    let (asked, options) = query(http.uri())?;
+    let (asked, options) = query(http.uri().query().unwrap_or_default())?;
     options.conversion().map_err(|e| option_problem(&e))?;
     let versions = versions_asked(&app, &model, asked.versions.as_deref()).await?;
     let references = references_asked(asked.references.as_deref())?;
@@ -80,9 +79,9 @@ pub(super) async fn evaluate(
 }
 
 /// What this call asks for, and the options it shares with an upload: they are checked by the same rules.
-fn query(uri: &Uri) -> Result<(Asked, UploadOptions), Problem> {
+pub(super) fn query(query: &str) -> Result<(Asked, UploadOptions), Problem> {
     let own = |part: &&str| ["versions", "references"].contains(&part.split('=').next().unwrap_or_default());
-    let (asked, options): (Vec<&str>, Vec<&str>) = uri.query().unwrap_or_default().split('&').partition(own);
+    let (asked, options): (Vec<&str>, Vec<&str>) = query.split('&').partition(own);
     Ok((Query::parse(&asked.join("&"))?, Query::parse(&options.join("&"))?))
 }
 
@@ -92,7 +91,22 @@ async fn versions_asked(app: &AppState, model: &Model, named: Option<&str>) -> R
         let none = || Code::NoLiveVersion.because(format!("nothing of {} serves yet; name a version", model.name));
         return Ok(vec![model.live.ok_or_else(none)?]);
     };
-    let most = app.evaluator.settings.max_versions;
+    let versions = version_numbers(named, app.evaluator.settings.max_versions)?;
+    for &version in &versions {
+        versions::find(app, model, version).await?;
+    }
+    Ok(versions)
+}
+
+impl Asked {
+    /// The versions and reference drivers that are named, at most `most` versions.
+    pub(super) fn names(&self, most: usize) -> Result<(Vec<i64>, Vec<ReferenceKind>), Problem> {
+        let versions = self.versions.as_deref().map(|named| version_numbers(named, most)).transpose()?;
+        Ok((versions.unwrap_or_default(), references_asked(self.references.as_deref())?))
+    }
+}
+
+fn version_numbers(named: &str, most: usize) -> Result<Vec<i64>, Problem> {
     let mut versions = Vec::new();
     for part in named.split(',') {
         let version = parse_id("", part).ok_or_else(|| unusable("versions", format!("{part:?} is no version")))?;
@@ -102,9 +116,6 @@ async fn versions_asked(app: &AppState, model: &Model, named: Option<&str>) -> R
         if versions.len() > most {
             return Err(unusable("versions", format!("at most {most} are evaluated at once")));
         }
-    }
-    for &version in &versions {
-        versions::find(app, model, version).await?;
     }
     Ok(versions)
 }
@@ -224,12 +235,12 @@ mod tests {
 
     #[test]
     fn the_query_is_parted_into_what_is_asked_and_how_events_are_read() {
-        let (asked, options) = query(&"/x?versions=1,3&dt_s=0.2&references=idm".parse().unwrap()).unwrap();
+        let (asked, options) = query("versions=1,3&dt_s=0.2&references=idm").unwrap();
         assert_eq!((asked.versions.as_deref(), asked.references.as_deref()), (Some("1,3"), Some("idm")));
         assert_eq!(options.dt_s, Some(0.2));
-        assert_eq!(query(&"/x".parse().unwrap()).unwrap().1, UploadOptions::default());
-        for wrong in ["/x?versions=1&versions=2", "/x?dt_s=soon", "/x?colour=red", "/x?versions&x"] {
-            assert!(query(&wrong.parse().unwrap()).is_err(), "{wrong}");
+        assert_eq!(query("").unwrap().1, UploadOptions::default());
+        for wrong in ["versions=1&versions=2", "dt_s=soon", "colour=red", "versions&x"] {
+            assert!(query(wrong).is_err(), "{wrong}");
         }
     }
 

@@ -4,6 +4,7 @@ use std::collections::HashSet;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use axum::extract::FromRequestParts;
+use axum::http::HeaderMap;
 use axum::http::request::Parts;
 
 use super::AppState;
@@ -39,14 +40,9 @@ impl FromRequestParts<Arc<AppState>> for Repeatable {
     type Rejection = Problem;
 
     async fn from_request_parts(parts: &mut Parts, app: &Arc<AppState>) -> Result<Self, Problem> {
-        let Some(header) = parts.headers.get("idempotency-key") else {
+        let Some(key) = key(&parts.headers)?.map(str::to_owned) else {
             return Ok(Self { app: Arc::clone(app), claim: None });
         };
-        let key = header.to_str().ok().filter(|key| (1..=MAX_KEY_BYTES).contains(&key.len())).ok_or_else(|| {
-            Code::MalformedHeader
-                .because(format!("Idempotency-Key takes 1 to {MAX_KEY_BYTES} visible ASCII characters"))
-        })?;
-        let key = key.to_owned();
         let caller = Caller::from_request_parts(parts, app).await?.name();
         let claim = Claim { key, caller, route: format!("{} {}", parts.method, parts.uri.path()) };
         if !app.in_flight.0.lock().unwrap_or_else(PoisonError::into_inner).insert(claim.clone()) {
@@ -54,6 +50,15 @@ impl FromRequestParts<Arc<AppState>> for Repeatable {
         }
         Ok(Self { app: Arc::clone(app), claim: Some(claim) })
     }
+}
+
+/// The key that a request carries, if it does.
+pub(super) fn key(headers: &HeaderMap) -> Result<Option<&str>, Problem> {
+    let Some(header) = headers.get("idempotency-key") else { return Ok(None) };
+    let key = header.to_str().ok().filter(|key| (1..=MAX_KEY_BYTES).contains(&key.len()));
+    key.map(Some).ok_or_else(|| {
+        Code::MalformedHeader.because(format!("Idempotency-Key takes 1 to {MAX_KEY_BYTES} visible ASCII characters"))
+    })
 }
 
 impl Repeatable {

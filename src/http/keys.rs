@@ -31,6 +31,16 @@ pub(super) struct NewKey {
     expires_at: Option<Timestamp>,
 }
 
+impl NewKey {
+    /// What is asked for, at `now`.
+    pub(super) fn wish(self, now: Timestamp) -> Result<KeyWish, Problem> {
+        let Self { name, scopes, models, expires_at } = self;
+        let wish = KeyWish { name, scopes, models, expires_at };
+        wish.check(now).map_err(|defect| refusal(&defect))?;
+        Ok(wish)
+    }
+}
+
 /// The query of a revocation.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -67,9 +77,8 @@ pub(super) async fn create(
     if let Some(answer) = request.recall(request_sha256).await? {
         return Ok(answer);
     }
-    let NewKey { name, scopes, models, expires_at } = new;
-    let (wish, now) = (KeyWish { name, scopes, models, expires_at }, Timestamp::now());
-    wish.check(now).map_err(|defect| refusal(&defect))?;
+    let now = Timestamp::now();
+    let wish = new.wish(now)?;
     let issued = Issued::draw().map_err(Problem::internal)?;
     let mut tx = app.store.begin_for(&by).await?;
     // From the first key on the server asks for one: nobody is to be locked out by it.

@@ -54,6 +54,8 @@ mod progress;
 mod query;
 /// What is logged of strangers.
 mod refusals;
+/// What is read of a request, by itself.
+pub mod reading;
 /// What a replay came to.
 mod replay;
 /// A route and what it needs.

@@ -35,6 +35,18 @@ pub(super) struct NewModel {
     from: Option<Object<Origin>>,
 }
 
+impl NewModel {
+    /// The model's settings: those that are given, and `defaults` for the rest.
+    pub(super) fn settings(&self, defaults: &ModelSettings) -> Result<ModelSettings, Problem> {
+        if self.from.is_some() {
+            return Err(Code::NotAvailable.because("forking a model from a version (from) comes with a later release"));
+        }
+        let settings = defaults.overridden(&self.settings.0)?;
+        settings.check_for(self.method)?;
+        Ok(settings)
+    }
+}
+
 /// The version a fork starts from.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -77,11 +89,7 @@ pub(super) async fn create(
     if let Some(answer) = request.recall(request_sha256).await? {
         return Ok(answer);
     }
-    if new.from.is_some() {
-        return Err(Code::NotAvailable.because("forking a model from a version (from) comes with a later release"));
-    }
-    let settings = app.model_defaults.overridden(&new.settings.0)?;
-    settings.check_for(new.method)?;
+    let settings = new.settings(&app.model_defaults)?;
     let mut tx = app.store.begin_for(&by).await?;
     let Some(model) = model::create(&mut tx, &new.model, new.method, &settings).await? else {
         return Err(Code::ModelExists.because(format!("a model is already called {}", new.model)));

@@ -7,7 +7,6 @@ use axum::response::Response;
 use serde::{Deserialize, Serialize};
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 
-use super::AppState;
 use super::answer::ok_json;
 use super::body::Json;
 use super::gate::Need;
@@ -17,6 +16,7 @@ use super::path::ServedAt;
 use super::problem::{Code, InputError, Problem};
 use super::versions;
 use super::whole::Whole;
+use super::{AppState, ServerSettings};
 use crate::access::Scope;
 use crate::driver::Window;
 use crate::predictor::{PredictError, Prediction, Simulated};
@@ -109,6 +109,43 @@ impl Defects {
     }
 }
 
+impl PredictBody {
+    /// Refuses none, or more windows than are taken at once.
+    pub(super) fn check_count(&self, settings: &ServerSettings) -> Result<(), Problem> {
+        let most = settings.predict_windows_max;
+        let found = self.windows.len();
+        if (1..=most).contains(&found) { Ok(()) } else { Err(too_many("/windows", found, most)) }
+    }
+
+    /// The windows, each of exactly `horizon` steps.
+    pub(super) fn windows(self, horizon: usize, settings: &ServerSettings) -> Result<Vec<Window>, Problem> {
+        let mut defects = Defects { most: settings.errors_max, found: Vec::new() };
+        for (at, Object(window)) in self.windows.iter().enumerate() {
+            defects.window(|| format!("/windows/{at}"), window, horizon);
+        }
+        defects.refuse("a window cannot be read")?;
+        Ok(self.windows.into_iter().map(|Object(window)| window.into()).collect())
+    }
+}
+
+impl SimulateBody {
+    /// Refuses no step, or more than are driven at once.
+    pub(super) fn check_count(&self, settings: &ServerSettings) -> Result<(), Problem> {
+        let most = settings.simulate_steps_max;
+        let found = self.leader_speed_mps.len();
+        if (1..=most).contains(&found) { Ok(()) } else { Err(too_many("/leader_speed_mps", found, most)) }
+    }
+
+    /// The window to start from, of exactly `horizon` steps, and the leader's speeds after it.
+    pub(super) fn start(self, horizon: usize, settings: &ServerSettings) -> Result<(Window, Vec<f32>), Problem> {
+        let mut defects = Defects { most: settings.errors_max, found: Vec::new() };
+        defects.window(|| "/initial".to_owned(), &self.initial.0, horizon);
+        defects.numbers("/leader_speed_mps", &self.leader_speed_mps);
+        defects.refuse("the simulation cannot begin")?;
+        Ok((self.initial.0.into(), self.leader_speed_mps.into_narrowed()))
+    }
+}
+
 impl From<WindowBody> for Window {
     fn from(body: WindowBody) -> Self {
         Self {
@@ -146,10 +183,7 @@ pub(super) async fn predict(
 /// # Errors
 /// When it cannot be answered.
 pub(super) async fn answer(app: &AppState, model: &ServedAt, body: PredictBody) -> Result<Response, Problem> {
-    let most = app.settings.predict_windows_max;
-    if !(1..=most).contains(&body.windows.len()) {
-        return Err(too_many("/windows", body.windows.len(), most));
-    }
+    body.check_count(&app.settings)?;
     let long = body.windows.len() > app.predictor.settings().inline_windows;
     let _slot = if long { Some(slot(&app.prediction_slots)?) } else { None };
     let loaded = app
@@ -157,13 +191,8 @@ pub(super) async fn answer(app: &AppState, model: &ServedAt, body: PredictBody) 
         .version(model.model_id, body.version.map(|Whole(version)| version))
         .await
         .map_err(|e| refusal(model, e))?;
-    let mut defects = Defects { most: app.settings.errors_max, found: Vec::new() };
-    for (at, Object(window)) in body.windows.iter().enumerate() {
-        defects.window(|| format!("/windows/{at}"), window, loaded.horizon());
-    }
-    defects.refuse("a window cannot be read")?;
+    let windows = body.windows(loaded.horizon(), &app.settings)?;
     let version = loaded.version();
-    let windows: Vec<Window> = body.windows.into_iter().map(|Object(window)| window.into()).collect();
     let count = windows.len();
     let predictions = app.predictor.predict(loaded, windows).await.map_err(|e| refusal(model, e))?;
     if predictions.iter().any(|p| !p.accel_mps2.is_finite() || !p.raw_accel_mps2.is_finite()) {
@@ -179,22 +208,16 @@ pub(super) async fn simulate(
     model: ServedAt,
     Json(body): Json<SimulateBody>,
 ) -> Result<Response, Problem> {
-    let most = app.settings.simulate_steps_max;
-    if !(1..=most).contains(&body.leader_speed_mps.len()) {
-        return Err(too_many("/leader_speed_mps", body.leader_speed_mps.len(), most));
-    }
+    body.check_count(&app.settings)?;
     let _slot = slot(&app.prediction_slots)?;
     let loaded = app
         .predictor
         .version(model.model_id, body.version.map(|Whole(version)| version))
         .await
         .map_err(|e| refusal(&model, e))?;
-    let mut defects = Defects { most: app.settings.errors_max, found: Vec::new() };
-    defects.window(|| "/initial".to_owned(), &body.initial.0, loaded.horizon());
-    defects.numbers("/leader_speed_mps", &body.leader_speed_mps);
-    defects.refuse("the simulation cannot begin")?;
+    let (initial, leader_speed_mps) = body.start(loaded.horizon(), &app.settings)?;
     let version = loaded.version();
-    let drive = app.predictor.simulate(loaded, body.initial.0.into(), body.leader_speed_mps.into_narrowed()).await;
+    let drive = app.predictor.simulate(loaded, initial, leader_speed_mps).await;
     let drive = drive.map_err(|e| refusal(&model, e))?;
     let arrays = [&drive.spacing_m, &drive.follower_speed_mps, &drive.accel_mps2];
     if arrays.into_iter().flatten().any(|value| !value.is_finite()) {

@@ -8,8 +8,8 @@ use serde::Deserialize;
 use serde::de::DeserializeOwned;
 use serde_json::{Map, Value, json};
 
-use super::AppState;
 use super::problem::{Code, InputError, Problem};
+use super::{AppState, ServerSettings};
 
 /// The query, understood.
 #[derive(Debug)]
@@ -51,9 +51,10 @@ pub(super) struct Page {
     size: u32,
 }
 
+/// How lists are asked for a page.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct PageQuery {
+pub(super) struct PageQuery {
     page_size: Option<u32>,
     page_token: Option<String>,
 }
@@ -62,8 +63,15 @@ impl FromRequestParts<Arc<AppState>> for Page {
     type Rejection = Problem;
 
     async fn from_request_parts(parts: &mut Parts, app: &Arc<AppState>) -> Result<Self, Problem> {
-        let Query(PageQuery { page_size, page_token }) = Query::<PageQuery>::from_request_parts(parts, app).await?;
-        Self::new(page_size, page_token.as_deref(), app)
+        let Query(wanted) = Query::<PageQuery>::from_request_parts(parts, app).await?;
+        wanted.page(&app.settings)
+    }
+}
+
+impl PageQuery {
+    /// The page that is wanted.
+    pub(super) fn page(&self, settings: &ServerSettings) -> Result<Page, Problem> {
+        Page::new(self.page_size, self.page_token.as_deref(), settings)
     }
 }
 
@@ -72,8 +80,8 @@ impl Page {
     ///
     /// # Errors
     /// Names the parameter that cannot be used.
-    pub(super) fn new(size: Option<u32>, token: Option<&str>, app: &AppState) -> Result<Self, Problem> {
-        let size = size.unwrap_or(app.settings.page_size);
+    pub(super) fn new(size: Option<u32>, token: Option<&str>, settings: &ServerSettings) -> Result<Self, Problem> {
+        let size = size.unwrap_or(settings.page_size);
         if size == 0 {
             let error = InputError::parameter("page_size", "out_of_range", "at least 1");
             return Err(Code::InvalidQuery.because("page_size must be at least 1").with_error(error));
@@ -83,7 +91,7 @@ impl Page {
                 InputError::parameter("page_token", "unknown_token", "a next_page_token of this list is needed");
             Code::InvalidQuery.because("page_token was not given by this list").with_error(error)
         })?;
-        Ok(Self { after, size: size.min(app.settings.page_size_max) })
+        Ok(Self { after, size: size.min(settings.page_size_max) })
     }
 
     /// How many rows to ask the store for: one more than the page holds, to know whether there is a next.
@@ -116,9 +124,11 @@ fn to_token(key: i64) -> String {
     hex::encode(format!("p{key}"))
 }
 
+/// In its one spelling, and with a key that another may come after.
 fn from_token(token: &str) -> Option<i64> {
     let text = String::from_utf8(hex::decode(token).ok()?).ok()?;
-    text.strip_prefix('p')?.parse().ok().filter(|&key| key >= 0)
+    let key = text.strip_prefix('p')?.parse().ok()?;
+    ((0..i64::MAX).contains(&key) && to_token(key) == token).then_some(key)
 }
 
 #[cfg(test)]
@@ -137,8 +147,12 @@ mod tests {
 
     #[test]
     fn a_made_up_token_is_known() {
-        for bad in ["", "5", "zz", "ff", &hex::encode("p-1"), &hex::encode("q1")] {
+        for bad in
+            ["", "5", "zz", "ff", &hex::encode("p-1"), &hex::encode("q1"), &hex::encode("p+1"), &hex::encode("p01")]
+        {
             assert_eq!(from_token(bad), None, "{bad}");
         }
+        assert_eq!(from_token(&to_token(i64::MAX - 1)), Some(i64::MAX - 1));
+        assert_eq!(from_token(&to_token(i64::MAX)), None);
     }
 }

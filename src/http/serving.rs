@@ -69,7 +69,7 @@ pub(super) async fn promote(
     if let Some(answer) = request.recall(request_sha256).await? {
         return Ok(answer);
     }
-    let wish = wish(Some(value.version), &value.reason, value.force)?;
+    let wish = value.wish()?;
     let (tx, moved, answer) = make_move(&app, Direction::Promote, &model, &headers, &wish, &by).await?;
     finish(&app, &model, tx, &request, request_sha256, &moved, &answer).await?;
     Ok(answer)
@@ -87,10 +87,24 @@ pub(super) async fn rollback(
     if let Some(answer) = request.recall(request_sha256).await? {
         return Ok(answer);
     }
-    let wish = wish(value.version, &value.reason, value.force)?;
+    let wish = value.wish()?;
     let (tx, moved, answer) = make_move(&app, Direction::Rollback, &model, &headers, &wish, &by).await?;
     finish(&app, &model, tx, &request, request_sha256, &moved, &answer).await?;
     Ok(answer)
+}
+
+impl Promotion {
+    /// What is asked for.
+    pub(super) fn wish(&self) -> Result<MoveRequest<'_>, Problem> {
+        wish(Some(self.version), &self.reason, self.force)
+    }
+}
+
+impl Rollback {
+    /// What is asked for.
+    pub(super) fn wish(&self) -> Result<MoveRequest<'_>, Problem> {
+        wish(self.version, &self.reason, self.force)
+    }
 }
 
 fn wish(version: Option<Whole>, reason: &str, force: bool) -> Result<MoveRequest<'_>, Problem> {

@@ -11,7 +11,6 @@ use serde::Deserialize;
 use serde_json::{Value, json};
 use tokio::time::Instant;
 
-use super::AppState;
 use super::answer::Answer;
 use super::body::JsonBody;
 use super::idempotency::Repeatable;
@@ -21,7 +20,8 @@ use super::path::{ModelAt, TaskAt, batch_id, parse_id, task_id};
 use super::problem::{Code, InputError, Problem};
 use super::query::{Page, Query};
 use super::replay::report_body;
-use crate::lineage::{Model, RegimeName, ReplayPart, Task, TaskState};
+use super::{AppState, ServerSettings};
+use crate::lineage::{Model, ModelSettings, RegimeName, ReplayPart, Task, TaskState};
 use crate::store::Actor;
 use crate::store::selection::{self, NoTask, Selection, TaskRequest};
 use crate::store::task::{self, Cancelled};
@@ -62,6 +62,18 @@ struct Only {
 #[serde(deny_unknown_fields)]
 pub(super) struct Wait {
     wait_s: Option<f64>,
+}
+
+impl Wait {
+    /// How long that is.
+    pub(super) fn patience(&self, settings: &ServerSettings) -> Result<Duration, Problem> {
+        let (wait_s, most) = (self.wait_s.unwrap_or(0.0), settings.wait_max_s);
+        if !(0.0..=most).contains(&wait_s) {
+            let error = InputError::parameter("wait_s", "out_of_range", format!("0 to {most}"));
+            return Err(Code::InvalidQuery.because(format!("wait_s must be within 0 to {most}")).with_error(error));
+        }
+        Ok(Duration::from_secs_f64(wait_s))
+    }
 }
 
 /// Share done, 0–1.
@@ -129,7 +141,7 @@ pub(super) async fn create(
     if let Some(answer) = request.recall(request_sha256).await? {
         return Ok(answer);
     }
-    let wish = wish(&model, new)?;
+    let wish = wish(&model.settings, new)?;
     let mut tx = app.store.begin_for(&by).await?;
     let made = selection::create_tasks(&mut tx, model.model_id, &wish, Timestamp::now()).await?;
     let made = made.map_err(|refused| refusal(&wish, &refused))?;
@@ -145,7 +157,8 @@ pub(super) async fn create(
     Ok(answer)
 }
 
-fn wish(model: &Model, new: NewTask) -> Result<TaskRequest, Problem> {
+/// What is asked for, of a model with these settings.
+pub(super) fn wish(settings: &ModelSettings, new: NewTask) -> Result<TaskRequest, Problem> {
     let selection = match new.batches {
         Batches::Pending(Pending::Pending) => Selection::Pending { regime: new.regime },
         Batches::Named(ids) => Selection::Batches { batches: rows(&ids)?, regime: new.regime },
@@ -155,9 +168,9 @@ fn wish(model: &Model, new: NewTask) -> Result<TaskRequest, Problem> {
         let error = InputError::at("/where/mean_speed_mps", "out_of_range", "[low, high] with low <= high is needed");
         return Err(Code::InvalidBody.because("no speed lies in this band").with_error(error));
     }
-    let Once(settings) = new.settings;
-    model.settings.for_task(&settings)?;
-    Ok(TaskRequest { selection, mean_speed_mps, settings })
+    let Once(changes) = new.settings;
+    settings.for_task(&changes)?;
+    Ok(TaskRequest { selection, mean_speed_mps, settings: changes })
 }
 
 fn rows(ids: &[String]) -> Result<Vec<i64>, Problem> {
@@ -213,15 +226,9 @@ pub(super) async fn read(
     State(app): State<Arc<AppState>>,
     ModelAt(model): ModelAt,
     TaskAt(task): TaskAt,
-    Query(Wait { wait_s }): Query<Wait>,
+    Query(asked): Query<Wait>,
 ) -> Result<Answer, Problem> {
-    let most = app.settings.wait_max_s;
-    let wait_s = wait_s.unwrap_or(0.0);
-    if !(0.0..=most).contains(&wait_s) {
-        let error = InputError::parameter("wait_s", "out_of_range", format!("0 to {most}"));
-        return Err(Code::InvalidQuery.because(format!("wait_s must be within 0 to {most}")).with_error(error));
-    }
-    let task = wait(&app, &model, task, Duration::from_secs_f64(wait_s)).await?;
+    let task = wait(&app, &model, task, asked.patience(&app.settings)?).await?;
     Ok(Answer::ok(&body(&app, &model, &task)))
 }
 

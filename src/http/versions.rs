@@ -28,6 +28,18 @@ pub(super) struct Note {
     note: Option<String>,
 }
 
+impl Note {
+    /// The note, where there is to be one.
+    pub(super) fn text(self) -> Result<Option<String>, Problem> {
+        if self.note.as_ref().is_some_and(|note| note.chars().count() > MAX_NOTE_CHARS) {
+            let detail = format!("at most {MAX_NOTE_CHARS} characters");
+            let error = InputError::at("/note", "too_long", detail);
+            return Err(Code::InvalidBody.because("the note is too long").with_error(error));
+        }
+        Ok(self.note)
+    }
+}
+
 fn body(app: &AppState, model: &Model, version: &Version) -> Value {
     let corrupt = version.corrupt.clone().or_else(|| app.store.corruption(version.model_id, version.version));
     json!({
@@ -105,14 +117,9 @@ pub(super) async fn annotate(
     ModelAt(model): ModelAt,
     VersionAt(version): VersionAt,
     by: Actor,
-    JsonBody { value: Note { note }, .. }: JsonBody<Note>,
+    JsonBody { value, .. }: JsonBody<Note>,
 ) -> Result<Answer, Problem> {
-    if note.as_ref().is_some_and(|note| note.chars().count() > MAX_NOTE_CHARS) {
-        let detail = format!("at most {MAX_NOTE_CHARS} characters");
-        return Err(Code::InvalidBody
-            .because("the note is too long")
-            .with_error(InputError::at("/note", "too_long", detail)));
-    }
+    let note = value.text()?;
     let mut tx = app.store.begin_for(&by).await?;
     if !version::set_note(&mut tx, model.model_id, version, note.as_deref(), Timestamp::now()).await? {
         return Err(missing(model.name.as_str(), version));

@@ -77,6 +77,7 @@ async fn members_that_come_twice_are_refused() {
         ("/predict", JSON, format!("{{\"windows\": [{window}], \"windows\": [{window}]}}")),
         ("/predict", JSON, format!("{{\"windows\": [{twice}]}}")),
         ("/tasks", JSON, "{\"batches\": \"pending\", \"batches\": \"pending\"}".to_owned()),
+        ("/tasks", JSON, "{\"batches\": \"pending\", \"settings\": {\"epochs\": 1, \"epochs\": 2}}".to_owned()),
         ("/batches", JSON, "{\"events\": [], \"events\": []}".to_owned()),
         ("/batches", JSON, format!("{{\"events\": [{event}]}}")),
         ("/batches", LINES, event),
