@@ -146,7 +146,9 @@ async fn predictions_do_not_wait_for_a_slow_disk_and_what_it_took_is_there() {
         let mut answered = 0;
         let predictions = async {
             loop {
-                assert_eq!(predicted(&process).await, expected);
+                let now = predicted(&process).await;
+                // The task may have ended meanwhile, and its version serve.
+                assert!(now == expected || now["version"] == 2, "{now}");
                 answered += 1;
             }
         };
