@@ -49,8 +49,8 @@ pub(super) async fn evaluate(
     let (format, encoding) = kind(http.headers())?;
     let (asked, options) = query(http.uri().query().unwrap_or_default())?;
     options.conversion().map_err(|e| option_problem(&e))?;
-    let versions = versions_asked(&app, &model, asked.versions.as_deref()).await?;
-    let references = references_asked(asked.references.as_deref())?;
+    let (named, references) = asked.names(app.evaluator.settings.max_versions)?;
+    let versions = to_drive(&app, &model, named).await?;
     let full = "as many evaluations as the server computes at once are under way";
     let slot = Arc::clone(&app.evaluation_slots).try_acquire_owned().map_err(|_| Problem::busy(Code::Busy, full))?;
     let body = take_body(&app, http).await?;
@@ -85,28 +85,28 @@ pub(super) fn query(query: &str) -> Result<(Asked, UploadOptions), Problem> {
     Ok((Query::parse(&asked.join("&"))?, Query::parse(&options.join("&"))?))
 }
 
-/// The versions named, each once, in this order; the live one when none is.
-async fn versions_asked(app: &AppState, model: &Model, named: Option<&str>) -> Result<Vec<i64>, Problem> {
-    let Some(named) = named else {
+impl Asked {
+    /// The versions, at most `most`, and the reference drivers that are named.
+    pub(super) fn names(&self, most: usize) -> Result<(Option<Vec<i64>>, Vec<ReferenceKind>), Problem> {
+        let versions = self.versions.as_deref().map(|named| versions_named(named, most)).transpose()?;
+        Ok((versions, references_named(self.references.as_deref())?))
+    }
+}
+
+/// The versions named, which are there; the live one when none is.
+async fn to_drive(app: &AppState, model: &Model, named: Option<Vec<i64>>) -> Result<Vec<i64>, Problem> {
+    let Some(versions) = named else {
         let none = || Code::NoLiveVersion.because(format!("nothing of {} serves yet; name a version", model.name));
         return Ok(vec![model.live.ok_or_else(none)?]);
     };
-    let versions = version_numbers(named, app.evaluator.settings.max_versions)?;
     for &version in &versions {
         versions::find(app, model, version).await?;
     }
     Ok(versions)
 }
 
-impl Asked {
-    /// The versions and reference drivers that are named, at most `most` versions.
-    pub(super) fn names(&self, most: usize) -> Result<(Vec<i64>, Vec<ReferenceKind>), Problem> {
-        let versions = self.versions.as_deref().map(|named| version_numbers(named, most)).transpose()?;
-        Ok((versions.unwrap_or_default(), references_asked(self.references.as_deref())?))
-    }
-}
-
-fn version_numbers(named: &str, most: usize) -> Result<Vec<i64>, Problem> {
+/// Versions, each once, in this order.
+fn versions_named(named: &str, most: usize) -> Result<Vec<i64>, Problem> {
     let mut versions = Vec::new();
     for part in named.split(',') {
         let version = parse_id("", part).ok_or_else(|| unusable("versions", format!("{part:?} is no version")))?;
@@ -120,8 +120,8 @@ fn version_numbers(named: &str, most: usize) -> Result<Vec<i64>, Problem> {
     Ok(versions)
 }
 
-/// The reference drivers named, each once, in this order.
-fn references_asked(named: Option<&str>) -> Result<Vec<ReferenceKind>, Problem> {
+/// Reference drivers, each once, in this order.
+fn references_named(named: Option<&str>) -> Result<Vec<ReferenceKind>, Problem> {
     let mut references = Vec::new();
     for part in named.into_iter().flat_map(|named| named.split(',')) {
         let known = ReferenceKind::ALL.map(ReferenceKind::as_str).join(", ");
@@ -246,10 +246,10 @@ mod tests {
 
     #[test]
     fn references_are_named_once_and_known() {
-        assert_eq!(references_asked(Some("gipps,idm,gipps")).unwrap(), [ReferenceKind::Gipps, ReferenceKind::Idm]);
-        assert_eq!(references_asked(None).unwrap(), []);
+        assert_eq!(references_named(Some("gipps,idm,gipps")).unwrap(), [ReferenceKind::Gipps, ReferenceKind::Idm]);
+        assert_eq!(references_named(None).unwrap(), []);
         for wrong in ["", "IDM", "idm,", "idm;gipps"] {
-            assert_eq!(references_asked(Some(wrong)).unwrap_err().code(), Code::InvalidQuery, "{wrong}");
+            assert_eq!(references_named(Some(wrong)).unwrap_err().code(), Code::InvalidQuery, "{wrong}");
         }
     }
 }
