@@ -162,9 +162,9 @@ impl<'a> Observation<'a> {
             }
             answer = problem.answer(&self.context()).into_response();
         }
-        let (status, elapsed_s) = (answer.status().as_u16(), self.began.elapsed().as_secs_f64());
-        self.app.metrics.http_request(self.route, counted(&self.method), status, elapsed_s);
-        self.log(answer.status(), elapsed_s);
+        let (status, elapsed_s) = (answer.status(), self.began.elapsed().as_secs_f64());
+        self.app.metrics.http_request(self.route, counted(&self.method), status.as_u16(), elapsed_s);
+        self.log(status, elapsed_s);
         let headers = answer.headers_mut();
         headers.insert(REQUEST_ID, self.request_id);
         shield(headers, self.app.settings.tls.is_on());
@@ -173,17 +173,17 @@ impl<'a> Observation<'a> {
 
     fn log(&self, status: StatusCode, elapsed_s: f64) {
         let _request = self.span.enter();
-        let (kind, status) = (status, status.as_u16());
-        if Refusals::is_one(kind) {
+        let code = status.as_u16();
+        if Refusals::is_one(status) {
             if let Some(untold) = self.app.refusals.note() {
-                tracing::info!(status, elapsed_s, untold, "refused");
+                tracing::info!(status = code, elapsed_s, untold, "refused");
             } else {
-                tracing::debug!(status, elapsed_s, "refused");
+                tracing::debug!(status = code, elapsed_s, "refused");
             }
-        } else if OFTEN.contains(&self.route) && kind.is_success() {
-            tracing::debug!(status, elapsed_s, "answered");
+        } else if OFTEN.contains(&self.route) && status.is_success() {
+            tracing::debug!(status = code, elapsed_s, "answered");
         } else {
-            tracing::info!(status, elapsed_s, "answered");
+            tracing::info!(status = code, elapsed_s, "answered");
         }
     }
 
