@@ -21,7 +21,7 @@ use super::problem::{Code, Problem};
 use super::query::Page;
 use super::whole::Whole;
 use crate::consolidation::Method;
-use crate::lineage::{Model, ModelName, ModelSettings};
+use crate::lineage::{Model, ModelName, ModelSettings, Retention};
 use crate::store::{Actor, model};
 
 /// The body of a creation.
@@ -61,6 +61,14 @@ struct Origin {
 #[serde(deny_unknown_fields)]
 pub(super) struct Change {
     retention: Once,
+}
+
+impl Change {
+    /// What is kept from now on.
+    pub(super) fn retention(self) -> Result<Retention, Problem> {
+        let Once(retention) = self.retention;
+        Ok(ModelSettings::default().overridden(&json!({"retention": retention}))?.retention)
+    }
 }
 
 fn body(model: &Model) -> Value {
@@ -118,9 +126,9 @@ pub(super) async fn change(
     ModelAt(model): ModelAt,
     by: Actor,
     headers: HeaderMap,
-    Json(Change { retention: Once(retention) }): Json<Change>,
+    Json(change): Json<Change>,
 ) -> Result<Answer, Problem> {
-    let retention = ModelSettings::default().overridden(&json!({"retention": retention}))?.retention;
+    let retention = change.retention()?;
     let mut tx = app.store.begin_for(&by).await?;
     check_if_match(&headers, &model::get(&mut tx, model.model_id).await?)?;
     let model = model::set_retention(&mut tx, model.model_id, retention).await?;

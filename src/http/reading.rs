@@ -11,7 +11,7 @@ use super::evaluate;
 use super::events_body::{kind, option_problem};
 use super::gate::bearer;
 use super::keys::{NewKey, Revocation};
-use super::models::NewModel;
+use super::models::{Change, NewModel};
 use super::predict::{PredictBody, SimulateBody};
 use super::problem::{Code, Problem};
 use super::query::{PageQuery, Query};
@@ -39,12 +39,21 @@ pub enum Call {
     CreateKey,
     /// `PATCH …/versions/{version}`
     Annotate,
+    /// `PATCH /v1/models/{model}`
+    ChangeModel,
 }
 
 impl Call {
     /// All of them.
-    pub const ALL: [Self; 6] =
-        [Self::CreateModel, Self::CreateTask, Self::Promote, Self::Rollback, Self::CreateKey, Self::Annotate];
+    pub const ALL: [Self; 7] = [
+        Self::CreateModel,
+        Self::CreateTask,
+        Self::Promote,
+        Self::Rollback,
+        Self::CreateKey,
+        Self::Annotate,
+        Self::ChangeModel,
+    ];
 }
 
 /// What the body of a call says, of a server where models have these settings unless they say otherwise.
@@ -65,6 +74,7 @@ pub fn body(call: Call, bytes: &[u8], defaults: &ModelSettings) -> Result<String
         Call::Rollback => told(bytes, |rollback: Rollback| rollback.wish().map(|wish| format!("{wish:?}"))),
         Call::CreateKey => told(bytes, |new: NewKey| new.wish(Timestamp::UNIX_EPOCH)),
         Call::Annotate => told(bytes, Note::text),
+        Call::ChangeModel => told(bytes, Change::retention),
     }
 }
 

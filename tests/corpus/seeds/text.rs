@@ -149,6 +149,10 @@ pub(super) fn bodies() -> Vec<(u8, &'static str, String)> {
         (5, "note-long", json!({"note": "x".repeat(4097)}).to_string()),
         (5, "note-missing", "{}".to_owned()),
         (5, "array", "[1]".to_owned()),
+        (6, "retention", json!({"retention": {"events_s": 60, "versions": 3}}).to_string()),
+        (6, "retention-none", json!({"retention": {"events_s": null, "versions": null}}).to_string()),
+        (6, "retention-wrong", json!({"retention": {"versions": 0}}).to_string()),
+        (6, "retention-twice", r#"{"retention": {"versions": 1, "versions": 2}}"#.to_owned()),
     ]
 }
 
