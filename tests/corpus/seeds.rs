@@ -3,21 +3,29 @@
 mod text;
 mod parquet;
 
-use std::fs;
 use std::io::Write;
 use std::path::Path;
+use std::{env, fs};
 
 use headway::lineage::ModelSettings;
 use serde_json::json;
 
-/// Writes `fuzz/corpus/TARGET/seed-NAME`.
+/// `fuzz/corpus/TARGET/seed-NAME`; with `HEADWAY_FUZZ_SEEDS=write` they are written first.
 #[test]
-#[ignore = "writes the seeds into fuzz/corpus; what it writes is there"]
-fn the_seeds_are_written() {
+fn the_seeds_of_the_corpus_are_those_that_are_written_here() {
+    let corpus = Path::new(env!("CARGO_MANIFEST_DIR")).join("fuzz/corpus");
+    let writing = env::var("HEADWAY_FUZZ_SEEDS").is_ok_and(|wish| wish == "write");
     for (target, name, bytes) in all() {
-        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("fuzz/corpus").join(target);
-        fs::create_dir_all(&folder).unwrap();
-        fs::write(folder.join(format!("seed-{name}")), bytes).unwrap();
+        let file = corpus.join(target).join(format!("seed-{name}"));
+        if writing {
+            fs::create_dir_all(corpus.join(target)).unwrap();
+            fs::write(&file, &bytes).unwrap();
+        }
+        assert!(
+            fs::read(&file).is_ok_and(|kept| kept == bytes),
+            "{} is another: HEADWAY_FUZZ_SEEDS=write writes it",
+            file.display()
+        );
     }
 }
 
