@@ -34,6 +34,8 @@ mod line;
 /// Promote and rollback.
 pub mod live;
 mod log;
+/// Bringing a database to the newest schema.
+mod migrate;
 /// Models: creating, reading, pausing.
 pub mod model;
 /// How a task ends.
@@ -117,7 +119,7 @@ impl Store {
         // Takes effect when the database is made: pages that nothing uses can be given back one by one.
         let making = options.clone().create_if_missing(true).auto_vacuum(SqliteAutoVacuum::Incremental);
         let first = first.connect_with(making).await?;
-        schema::migrate(&first, &settings.path, settings.backup_before_migration).await?;
+        migrate::migrate(&first, &settings.path, settings.backup_before_migration).await?;
         first.close().await;
         let writer = SqlitePoolOptions::new()
             .max_connections(1)

@@ -8,9 +8,15 @@ use super::history::{self, Action, Change};
 use super::line::with_line;
 use super::outcome::Overtaken;
 use super::pointers::{self, Pointers};
-use super::retract::LineStage;
 use super::{Purpose, Store, StoreError, WriteTransaction};
 use crate::lineage::{RegimeName, ReplayReport, ReplayedStage};
+
+/// A version of the head's line.
+pub(super) struct LineStage {
+    pub(super) version: i64,
+    pub(super) parent: Option<i64>,
+    pub(super) task_id: Option<i64>,
+}
 
 /// A replay to be made.
 pub(super) struct NewReplay<'a> {

@@ -7,6 +7,7 @@ use super::column::{stored_time, word};
 use super::history::{self, Action, Change};
 use super::line::with_line;
 use super::pointers::{self, Pointers};
+use super::replay::LineStage;
 use super::{Purpose, StoreError, WriteTransaction, outcome, prune, replay, taint};
 use crate::lineage::{RegimeName, TaskState};
 
@@ -39,13 +40,6 @@ pub enum Retracted {
     },
     /// The model has no such batch.
     Unknown,
-}
-
-/// A version of the head's line.
-pub(super) struct LineStage {
-    pub(super) version: i64,
-    pub(super) parent: Option<i64>,
-    pub(super) task_id: Option<i64>,
 }
 
 /// A task that has some of the events that leave.
