@@ -193,8 +193,9 @@ impl Predictor {
         if let Some(loaded) = recent().get(model_id, version) {
             return Ok(loaded);
         }
+        let forgotten = recent().forgotten();
         let loaded = Arc::new(Loaded::load(&self.store, model_id, version).await?);
-        recent().put(model_id, Arc::clone(&loaded));
+        recent().put(model_id, Arc::clone(&loaded), forgotten);
         Ok(loaded)
     }
 

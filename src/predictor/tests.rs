@@ -286,3 +286,17 @@ async fn the_envelope_bounds_what_is_served_where_the_settings_say_so() {
     assert_eq!((free.accel_mps2, &free.flags[..]), (close.raw_accel_mps2, &[][..]));
     assert!(unbounded.simulate(&window(10.0, 2.0), &[0.0; 30]).unwrap().accel_mps2.iter().all(|a| a.abs() <= 4.0));
 }
+
+#[tokio::test]
+async fn a_version_that_was_let_go_of_while_it_was_read_is_not_kept() {
+    let (fixture, model_id) = three_versions().await;
+    let loaded = Arc::new(Loaded::load(&fixture.store, model_id, 1).await.unwrap());
+    let mut recent = recent::Recent::new(2);
+    let before = recent.forgotten();
+    recent.forget(model_id, 1);
+    recent.put(model_id, Arc::clone(&loaded), before);
+    assert!(recent.get(model_id, 1).is_none());
+    let forgotten = recent.forgotten();
+    recent.put(model_id, loaded, forgotten);
+    assert!(recent.get(model_id, 1).is_some());
+}

@@ -126,6 +126,12 @@ pub enum StoreError {
         /// The first frame that is not what was written, from 1; 0 is the log's header.
         frame: u64,
     },
+    /// The file of a database that was made once is empty.
+    #[error(
+        "{0} is empty, and a database was there before; restore it from a backup (headway restore), or remove it to begin with \
+         an empty one"
+    )]
+    Emptied(PathBuf),
     /// Something stored is not what was written: its digest does not match.
     #[error("{detail}")]
     Corrupt {

@@ -66,6 +66,7 @@ pub mod verify;
 pub mod version;
 
 use std::fs::File;
+use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use sqlx::sqlite::{SqliteAutoVacuum, SqliteConnectOptions, SqliteJournalMode, SqlitePoolOptions, SqliteSynchronous};
@@ -96,10 +97,14 @@ impl Store {
     /// Opens, locks and migrates the database at `settings.path`, creating it when it is absent.
     ///
     /// # Errors
-    /// When another process owns it, it cannot be written, it was made by a newer release, or its write-ahead log is damaged
-    /// where changes would be lost.
+    /// When another process owns it, it cannot be written, it was made by a newer release, it was there before and is empty
+    /// now, or its write-ahead log is damaged where changes would be lost.
     pub async fn open(settings: &StoreSettings) -> Result<Self, StoreError> {
         let lock = lock(&settings.path)?;
+        let was_made = lock.metadata().is_ok_and(|lock| lock.len() > 0);
+        if was_made && std::fs::metadata(&settings.path).is_ok_and(|database| database.len() == 0) {
+            return Err(StoreError::Emptied(settings.path.clone()));
+        }
         let log = beside(&settings.path, "-wal");
         // A log that cannot be read is SQLite's to complain of.
         if let Ok(Some(frame)) = frames::first_damaged(&log) {
@@ -121,6 +126,9 @@ impl Store {
         let first = first.connect_with(making).await?;
         migrate::migrate(&first, &settings.path, settings.backup_before_migration).await?;
         first.close().await;
+        if !was_made && let Err(error) = (&lock).write_all(b"made\n") {
+            tracing::warn!(%error, "were the database emptied, the next start would not know");
+        }
         let writer = SqlitePoolOptions::new()
             .max_connections(1)
             .after_release(|connection, _| Box::pin(is_outside_transactions(connection)))
@@ -230,6 +238,7 @@ fn beside(path: &Path, suffix: &str) -> PathBuf {
     name.into()
 }
 
+/// The lock beside a database, which also says, by not being empty, that the database was made.
 fn lock(path: &Path) -> Result<File, StoreError> {
     let name = beside(path, ".lock");
     let unlockable = |source| StoreError::Lock { path: path.to_owned(), source };
@@ -258,5 +267,18 @@ mod tests {
         store.look_at_writer().await.unwrap();
         store.close().await;
         store.look_at_writer().await.unwrap_err();
+    }
+
+    #[tokio::test]
+    async fn a_database_that_was_emptied_is_not_taken_for_a_new_one() {
+        let directory = tempfile::tempdir().unwrap();
+        let settings = fixture::settings(&directory);
+        // What a process leaves that was killed before it had made anything.
+        File::create(&settings.path).unwrap();
+        Store::open(&settings).await.unwrap().close().await;
+        File::create(&settings.path).unwrap();
+        assert!(matches!(Store::open(&settings).await, Err(StoreError::Emptied(path)) if path == settings.path));
+        std::fs::remove_file(&settings.path).unwrap();
+        Store::open(&settings).await.unwrap().close().await;
     }
 }

@@ -43,6 +43,8 @@ mod moves;
 mod replaying;
 /// Killed while it starts.
 mod starting;
+/// What is written, synced and answered, in its order.
+mod traced;
 /// Killed while a task learns.
 mod training;
 /// A disk that forgets what was not synced.
