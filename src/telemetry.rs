@@ -2,9 +2,10 @@
 
 /// Panics in the log.
 mod panics;
+/// Predictions by version.
+mod predictions;
 
 use std::collections::HashMap;
-use std::hash::Hash;
 use std::sync::{Arc, PoisonError, RwLock};
 use std::time::Duration;
 
@@ -17,6 +18,7 @@ use tracing_subscriber::EnvFilter;
 use tracing_subscriber::fmt;
 
 pub use panics::log_panics;
+pub use predictions::Predicted;
 
 use crate::store::{DatabaseSize, ModelCensus};
 
@@ -61,35 +63,28 @@ pub fn start_logging(settings: &LogSettings) -> Result<(), tracing_subscriber::f
 pub struct Metrics {
     recorder: Arc<PrometheusRecorder>,
     handle: PrometheusHandle,
-    /// Of every route, by method and status.
-    answered: Arc<Kept<(&'static str, u16), Answered>>,
-    /// Of every model, by version and kind.
-    predicted: Arc<Kept<(i64, &'static str), Counter>>,
+    answered: Arc<Answers>,
+    predicted: Arc<predictions::Predictions>,
 }
 
 /// How often, and how long each took.
 type Answered = (Counter, Histogram);
 
-/// Metrics that are counted so often that looking them up by their labels would be felt.
-struct Kept<K, V>(RwLock<HashMap<String, HashMap<K, V>>>);
+/// Of every route, by method and status: counted so often that looking them up by their labels would be felt.
+#[derive(Default)]
+struct Answers(RwLock<HashMap<String, HashMap<(&'static str, u16), Answered>>>);
 
-impl<K, V> Default for Kept<K, V> {
-    fn default() -> Self {
-        Self(RwLock::default())
-    }
-}
-
-impl<K: Hash + Eq, V: Clone> Kept<K, V> {
-    /// The one of this name and key, made when it is the first time.
-    fn get(&self, name: &str, key: K, make: impl FnOnce() -> V) -> V {
+impl Answers {
+    /// Those of this route, made when it is the first time.
+    fn get(&self, route: &str, key: (&'static str, u16), make: impl FnOnce() -> Answered) -> Answered {
         let known = self.0.read().unwrap_or_else(PoisonError::into_inner);
-        if let Some(found) = known.get(name).and_then(|of_name| of_name.get(&key)) {
+        if let Some(found) = known.get(route).and_then(|of_route| of_route.get(&key)) {
             return found.clone();
         }
         drop(known);
         let made = make();
         let mut known = self.0.write().unwrap_or_else(PoisonError::into_inner);
-        known.entry(name.to_owned()).or_default().entry(key).or_insert(made).clone()
+        known.entry(route.to_owned()).or_default().entry(key).or_insert(made).clone()
     }
 }
 
@@ -99,8 +94,10 @@ impl std::fmt::Debug for Metrics {
     }
 }
 
-impl Default for Metrics {
-    fn default() -> Self {
+impl Metrics {
+    /// Metrics of which the newest `counted_versions` versions of a model have some of their own.
+    #[must_use]
+    pub fn new(counted_versions: usize) -> Self {
         let buckets = [0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 5.0, 10.0, 30.0, 60.0];
         let task_buckets = [1.0, 5.0, 15.0, 60.0, 300.0, 900.0, 3600.0, 14400.0];
         let matcher = metrics_exporter_prometheus::Matcher::Full("headway_task_duration_seconds".to_owned());
@@ -110,8 +107,8 @@ impl Default for Metrics {
             .expect("buckets are not empty")
             .build_recorder();
         let handle = recorder.handle();
-        let metrics =
-            Self { recorder: Arc::new(recorder), handle, answered: Arc::default(), predicted: Arc::default() };
+        let predicted = Arc::new(predictions::Predictions::new(counted_versions));
+        let metrics = Self { recorder: Arc::new(recorder), handle, answered: Arc::default(), predicted };
         metrics.with(describe);
         metrics
     }
@@ -120,7 +117,6 @@ impl Default for Metrics {
 fn describe() {
     describe_counter!("headway_http_requests_total", Unit::Count, "Requests answered.");
     describe_histogram!("headway_http_request_duration_seconds", Unit::Seconds, "From request to answer's head.");
-    describe_counter!("headway_predictions_total", Unit::Count, "Windows predicted and simulations driven.");
     describe_counter!("headway_uploads_total", Unit::Count, "Uploads by outcome.");
     describe_counter!("headway_uploaded_bytes_total", Unit::Bytes, "Bytes of uploaded bodies as sent.");
     describe_counter!("headway_events_total", Unit::Count, "Uploaded events by outcome.");
@@ -152,7 +148,7 @@ impl Metrics {
     #[must_use]
     pub fn render(&self) -> String {
         self.handle.run_upkeep();
-        self.handle.render()
+        self.handle.render() + &self.predicted.render()
     }
 
     /// Puts recorded durations into their buckets. Until then each is kept by itself: to be called now and then, whether
@@ -175,12 +171,8 @@ impl Metrics {
     }
 
     /// Windows were predicted, or a simulation was driven.
-    pub fn predictions(&self, model: &str, version: i64, kind: &'static str, count: u64) {
-        let predictions = self.predicted.get(model, (version, kind), || {
-            let labels = [("model", model.to_owned()), ("version", version.to_string()), ("kind", kind.to_owned())];
-            self.with(|| counter!("headway_predictions_total", &labels))
-        });
-        predictions.increment(count);
+    pub fn predicted(&self, model: &str, version: i64, predicted: Predicted, count: u64) {
+        self.predicted.add(model, version, predicted, count);
     }
 
     /// An upload ended.
@@ -253,7 +245,7 @@ mod tests {
 
     #[test]
     fn two_servers_count_for_themselves() {
-        let (one, other) = (Metrics::default(), Metrics::default());
+        let (one, other) = (Metrics::new(1), Metrics::new(1));
         one.http_request("/healthz", "GET", 200, 0.001);
         let expected = r#"headway_http_requests_total{route="/healthz",method="GET",status="200"} 1"#;
         assert!(one.render().contains(expected), "{}", one.render());

@@ -148,6 +148,8 @@ def main():
     cli.add_argument("--keep", type=pathlib.Path, help="a new folder for database, log and reports, else thrown away")
     cli.add_argument("more", nargs="*", help="for schemathesis, after --")
     args = cli.parse_args()
+    if args.schemathesis is None:
+        cli.error("schemathesis is not here: pip install -r .ci/requirements.txt")
     with tempfile.TemporaryDirectory() as scratch:
         folder = (args.keep or pathlib.Path(scratch)).resolve()
         folder.mkdir(exist_ok=True)

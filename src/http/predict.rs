@@ -198,7 +198,7 @@ pub(super) async fn answer(app: &AppState, model: &ServedAt, body: PredictBody) 
     if predictions.iter().any(|p| !p.accel_mps2.is_finite() || !p.raw_accel_mps2.is_finite()) {
         return Err(Problem::internal(format!("version {version} predicts a number that is not finite")));
     }
-    app.metrics.predictions(&model.name, version, "predict", count as u64);
+    app.metrics.predicted(&model.name, version, crate::telemetry::Predicted::Windows, count as u64);
     Ok(ok_json(&Predicted { model: &model.name, version, predictions }))
 }
 
@@ -223,7 +223,7 @@ pub(super) async fn simulate(
     if arrays.into_iter().flatten().any(|value| !value.is_finite()) {
         return Err(Problem::internal(format!("version {version} drives to a number that is not finite")));
     }
-    app.metrics.predictions(&model.name, version, "simulate", 1);
+    app.metrics.predicted(&model.name, version, crate::telemetry::Predicted::Simulation, 1);
     Ok(ok_json(&Simulation { model: &model.name, version, drive }))
 }
 

@@ -65,6 +65,8 @@ pub struct ServerSettings {
     pub drain_s: f64,
     /// How long closing the database may take after that, s.
     pub close_s: f64,
+    /// Versions of a model that have metrics of their own, the newest; those before them share some.
+    pub counted_versions: usize,
     /// Origins of web pages whose scripts may use the interface; none: no page's.
     pub cors_origins: Vec<String>,
     /// Encryption.
@@ -89,7 +91,7 @@ impl ServerSettings {
 
     /// Every number, and the range it must lie in.
     #[must_use]
-    pub fn numbers(&self) -> [(&'static str, f64, RangeInclusive<f64>); 28] {
+    pub fn numbers(&self) -> [(&'static str, f64, RangeInclusive<f64>); 29] {
         [
             ("threads", self.threads as f64, 0.0..=1024.0),
             ("json_body_bytes", self.json_body_bytes as f64, 1.0..=1e9),
@@ -118,6 +120,7 @@ impl ServerSettings {
             ("idempotency_keep_s", self.idempotency_keep_s.into(), 0.0..=31_536_000.0),
             ("drain_s", self.drain_s, 0.0..=86_400.0),
             ("close_s", self.close_s, 0.01..=86_400.0),
+            ("counted_versions", self.counted_versions as f64, 1.0..=10_000.0),
             ("tls.handshake_s", self.tls.handshake_s, 0.01..=3600.0),
             ("tls.look_s", self.tls.look_s, 0.01..=86_400.0),
         ]

@@ -28,7 +28,12 @@ fn queried(asked: Asked, text: &[u8], settings: &ServerSettings) {
     let Ok(text) = std::str::from_utf8(text) else { return };
     match query(asked, text, settings) {
         Ok(said) => {
-            assert!(!said.contains("NaN") && !said.contains("inf,") && !said.contains("inf)"), "{said}");
+            // Outside of texts, which may say what they like.
+            let plain = said.replace(r"\\", "").replace(r#"\""#, "");
+            assert!(
+                !plain.split('"').step_by(2).any(|part| ["NaN", "inf,", "inf)"].iter().any(|no| part.contains(no))),
+                "{said}"
+            );
             assert_eq!(query(asked, text, settings), Ok(said));
         }
         Err(code) => assert_eq!(code, Code::InvalidQuery),
