@@ -2,6 +2,7 @@
 
 use std::io;
 
+use super::excerpt::excerpt;
 use super::source::{Excess, SourceFailed};
 use crate::lineage::Place;
 
@@ -78,7 +79,7 @@ impl FormatError {
     }
 
     pub(super) fn malformed(place: impl Into<Option<Place>>, detail: &impl ToString) -> Self {
-        Self::Malformed { place: place.into(), detail: detail.to_string() }
+        Self::Malformed { place: place.into(), detail: excerpt(detail) }
     }
 
     pub(super) fn invalid(place: impl Into<Option<Place>>, code: &'static str, detail: String) -> Self {

@@ -6,6 +6,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use parquet::errors::ParquetError;
 
 use super::FormatError;
+use super::excerpt::excerpt;
 
 thread_local! {
     static GUARDED: Cell<bool> = const { Cell::new(false) };
@@ -28,7 +29,7 @@ pub(super) fn guarded<T>(run: impl FnOnce() -> Result<T, ParquetError>) -> Resul
     GUARDED.set(false);
     match ran {
         Ok(Ok(value)) => Ok(value),
-        Ok(Err(ParquetError::EOF(detail))) => Err(FormatError::Truncated { detail }),
+        Ok(Err(ParquetError::EOF(detail))) => Err(FormatError::Truncated { detail: excerpt(&detail) }),
         Ok(Err(error)) => Err(FormatError::malformed(None, &error)),
         Err(_) => Err(FormatError::malformed(None, &"the file contradicts itself")),
     }

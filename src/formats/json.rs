@@ -8,6 +8,7 @@ use serde_json::value::RawValue;
 
 use super::FormatError;
 use super::draft::shortened;
+use super::excerpt::excerpt;
 use super::json_event::read;
 use super::output::Output;
 use super::raw::Origin;
@@ -28,7 +29,7 @@ pub(super) fn decode(
         (Some(failure), _) => Err(failure),
         (None, Ok(())) => Ok(()),
         (None, Err(error)) if error.is_data() => {
-            Err(FormatError::invalid(Place::Pointer(so_far.pointer.to_owned()), "wrong_type", error.to_string()))
+            Err(FormatError::invalid(Place::Pointer(so_far.pointer.to_owned()), "wrong_type", excerpt(&error)))
         }
         (None, Err(error)) if error.is_eof() => Err(FormatError::Truncated { detail: error.to_string() }),
         (None, Err(error)) if error.is_io() => Err(std::io::Error::from(error).into()),

@@ -7,6 +7,7 @@ use serde::de::{Deserialize, DeserializeSeed, Deserializer, IgnoredAny, MapAcces
 
 use super::FormatLimits;
 use super::draft::{Draft, shortened};
+use super::excerpt::excerpt;
 
 const FIELDS: [&str; 9] = [
     "event_id",
@@ -36,7 +37,7 @@ pub(super) fn read(text: &[u8], limits: &FormatLimits, code: &'static str) -> (D
             let detail = || format!("{field}{at} is beyond the range of 64-bit numbers");
             refused.flaw(Cow::from(field), step, "not_finite", detail);
         }
-        _ => refused.flaw(None, None, code, || format!("column {}: {error}", error.column())),
+        _ => refused.flaw(None, None, code, || format!("column {}: {}", error.column(), excerpt(&error))),
     }
     (refused, Some(error))
 }

@@ -13,6 +13,8 @@ mod csv;
 mod draft;
 /// What makes a whole body unusable.
 mod error;
+/// What a library says of a body.
+mod excerpt;
 /// Code of libraries that may panic.
 mod guarded;
 /// JSON: a document with `events`.
@@ -44,6 +46,7 @@ use std::fs::File;
 
 pub use columns::Preset;
 pub use error::FormatError;
+pub use excerpt::excerpt;
 pub use guarded::is_guarded;
 pub use limits::{FormatLimits, FormatLimitsError};
 pub use media::{Encoding, Format};

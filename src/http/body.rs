@@ -19,6 +19,7 @@ use tokio::sync::OwnedSemaphorePermit;
 use super::object::Object;
 use super::problem::{Code, InputError, Problem};
 use super::{AppState, ServerSettings};
+use crate::formats::excerpt;
 
 /// A JSON body, read and understood.
 #[derive(Debug)]
@@ -243,10 +244,10 @@ fn explain<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, Problem> {
 
 fn refusal(error: &serde_json::Error, pointer: String, bytes: &[u8]) -> Problem {
     if error.is_data() || is_json(bytes) {
-        let detail = error.to_string();
+        let detail = excerpt(error);
         return Code::InvalidBody.because(detail.clone()).with_error(InputError::at(pointer, "invalid_value", detail));
     }
-    Code::MalformedJson.because(error.to_string())
+    Code::MalformedJson.because(excerpt(error))
 }
 
 /// Whether a body is JSON, whatever it says. `serde_json` also calls a fault of syntax what is none: a number greater than any
@@ -262,7 +263,7 @@ fn pointer(path: &serde_path_to_error::Path) -> String {
         Segment::Map { key } => format!("/{}", key.replace('~', "~0").replace('/', "~1")),
         Segment::Enum { .. } | Segment::Unknown => String::new(),
     };
-    path.iter().map(token).collect::<Vec<_>>().concat()
+    excerpt(&path.iter().map(token).collect::<Vec<_>>().concat())
 }
 
 #[cfg(test)]
