@@ -69,10 +69,12 @@ pub struct Metrics {
 
 /// How often, and how long each took.
 type Answered = (Counter, Histogram);
+/// Of one route, by method and status.
+type Route = HashMap<(&'static str, u16), Answered>;
 
-/// Of every route, by method and status: counted so often that looking them up by their labels would be felt.
+/// Of every route: counted so often that looking them up by their labels would be felt.
 #[derive(Default)]
-struct Answers(RwLock<HashMap<String, HashMap<(&'static str, u16), Answered>>>);
+struct Answers(RwLock<HashMap<String, Route>>);
 
 impl Answers {
     /// Those of this route, made when it is the first time.

@@ -55,7 +55,9 @@ impl Model {
         while self.versions.len() > most
             && let Some((_, oldest)) = self.versions.pop_first()
         {
-            Predicted::ALL.into_iter().for_each(|kind| self.older.add(kind, oldest.of(kind)));
+            for kind in Predicted::ALL {
+                self.older.add(kind, oldest.of(kind));
+            }
         }
     }
 }
@@ -96,7 +98,9 @@ impl Predictions {
         };
         for (name, model) in self.models.read().unwrap_or_else(PoisonError::into_inner).iter() {
             line(name, "older", &model.older);
-            model.versions.iter().for_each(|(version, counts)| line(name, &version.to_string(), counts));
+            for (version, counts) in &model.versions {
+                line(name, &version.to_string(), counts);
+            }
         }
         text
     }
