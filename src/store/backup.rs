@@ -12,8 +12,9 @@ use sqlx::sqlite::SqliteConnectOptions;
 use sqlx::{ConnectOptions as _, Connection as _, query};
 use tempfile::TempPath;
 
+use super::lock::Lock;
 use super::verify::{self, Looking, Verification};
-use super::{Purpose, Store, StoreError, WriteTransaction, beside, lock};
+use super::{Purpose, Store, StoreError, WriteTransaction, beside};
 
 /// A moment in the name of a file.
 pub(super) const NAMED: &str = "%Y%m%dT%H%M%S%.6fZ";
@@ -110,7 +111,7 @@ pub async fn restore(
     if !from.is_file() {
         return Err(StoreError::Absent { path: from.to_owned() });
     }
-    let _lock = lock(database)?;
+    let _lock = Lock::take(database)?;
     let draft = copy(from, database).await?;
     let verified = sound(&draft, progress).await?;
     let kept = if database.exists() {

@@ -33,6 +33,8 @@ mod ledger;
 mod line;
 /// Promote and rollback.
 pub mod live;
+/// One process owns a database.
+mod lock;
 mod log;
 /// Bringing a database to the newest schema.
 mod migrate;
@@ -65,8 +67,6 @@ pub mod verify;
 /// Versions and their notes.
 pub mod version;
 
-use std::fs::File;
-use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use sqlx::sqlite::{SqliteAutoVacuum, SqliteConnectOptions, SqliteJournalMode, SqlitePoolOptions, SqliteSynchronous};
@@ -77,6 +77,7 @@ pub use census::ModelCensus;
 pub use error::{Part, StoreError};
 pub use ledger::LedgerEvent;
 pub use line::LineRegime;
+use lock::Lock;
 pub use settings::StoreSettings;
 pub use size::DatabaseSize;
 pub use transaction::{Purpose, WriteTransaction};
@@ -89,8 +90,8 @@ pub struct Store {
     damage: damage::Damage,
     path: PathBuf,
     log: log::Log,
-    /// Held as long as the store lives: one process owns a database. None where it is only read.
-    lock: Option<File>,
+    /// None where the database is only read.
+    lock: Option<Lock>,
 }
 
 impl Store {
@@ -100,11 +101,8 @@ impl Store {
     /// When another process owns it, it cannot be written, it was made by a newer release, it was there before and is empty
     /// now, or its write-ahead log is damaged where changes would be lost.
     pub async fn open(settings: &StoreSettings) -> Result<Self, StoreError> {
-        let lock = lock(&settings.path)?;
-        let was_made = lock.metadata().is_ok_and(|lock| lock.len() > 0);
-        if was_made && std::fs::metadata(&settings.path).is_ok_and(|database| database.len() == 0) {
-            return Err(StoreError::Emptied(settings.path.clone()));
-        }
+        let lock = Lock::take(&settings.path)?;
+        lock.refuse_emptied(&settings.path)?;
         let log = beside(&settings.path, "-wal");
         // A log that cannot be read is SQLite's to complain of.
         if let Ok(Some(frame)) = frames::first_damaged(&log) {
@@ -126,9 +124,7 @@ impl Store {
         let first = first.connect_with(making).await?;
         migrate::migrate(&first, &settings.path, settings.backup_before_migration).await?;
         first.close().await;
-        if !was_made && let Err(error) = (&lock).write_all(b"made\n") {
-            tracing::warn!(%error, "were the database emptied, the next start would not know");
-        }
+        lock.note_made();
         let writer = SqlitePoolOptions::new()
             .max_connections(1)
             .after_release(|connection, _| Box::pin(is_outside_transactions(connection)))
@@ -217,8 +213,8 @@ impl Store {
         self.readers.close().await;
         self.log.close().await;
         self.writer.close().await;
-        if let Some(Err(error)) = self.lock.as_ref().map(File::unlock) {
-            tracing::warn!(%error, "the lock of the database goes with the process");
+        if let Some(lock) = &self.lock {
+            lock.release();
         }
     }
 }
@@ -236,18 +232,6 @@ fn beside(path: &Path, suffix: &str) -> PathBuf {
     let mut name = path.as_os_str().to_owned();
     name.push(suffix);
     name.into()
-}
-
-/// The lock beside a database, which also says, by not being empty, that the database was made.
-fn lock(path: &Path) -> Result<File, StoreError> {
-    let name = beside(path, ".lock");
-    let unlockable = |source| StoreError::Lock { path: path.to_owned(), source };
-    let file = File::options().create(true).truncate(false).write(true).open(&name).map_err(unlockable)?;
-    match file.try_lock() {
-        Ok(()) => Ok(file),
-        Err(std::fs::TryLockError::WouldBlock) => Err(StoreError::Owned { path: path.to_owned() }),
-        Err(std::fs::TryLockError::Error(source)) => Err(unlockable(source)),
-    }
 }
 
 #[cfg(test)]
@@ -273,11 +257,20 @@ mod tests {
     async fn a_database_that_was_emptied_is_not_taken_for_a_new_one() {
         let directory = tempfile::tempdir().unwrap();
         let settings = fixture::settings(&directory);
+        let copy = directory.path().join("copy.db");
+        let empty = || std::fs::write(&settings.path, "").unwrap();
+        let refused =
+            async || matches!(Store::open(&settings).await, Err(StoreError::Emptied(path)) if path == settings.path);
         // What a process leaves that was killed before it had made anything.
-        File::create(&settings.path).unwrap();
+        empty();
         Store::open(&settings).await.unwrap().close().await;
-        File::create(&settings.path).unwrap();
-        assert!(matches!(Store::open(&settings).await, Err(StoreError::Emptied(path)) if path == settings.path));
+        backup::write(&settings.path, &copy, false).await.unwrap();
+        empty();
+        assert!(refused().await);
+        backup::restore(&copy, &settings.path, false, &|_| {}).await.unwrap();
+        Store::open(&settings).await.unwrap().close().await;
+        empty();
+        assert!(refused().await);
         std::fs::remove_file(&settings.path).unwrap();
         Store::open(&settings).await.unwrap().close().await;
     }
