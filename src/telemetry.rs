@@ -18,7 +18,7 @@ use tracing_subscriber::EnvFilter;
 use tracing_subscriber::fmt;
 
 pub use panics::log_panics;
-pub use predictions::Predicted;
+pub use predictions::PredictionKind;
 
 use crate::store::{DatabaseSize, ModelCensus};
 
@@ -173,8 +173,8 @@ impl Metrics {
     }
 
     /// Windows were predicted, or a simulation was driven.
-    pub fn predicted(&self, model: &str, version: i64, predicted: Predicted, count: u64) {
-        self.predicted.add(model, version, predicted, count);
+    pub fn predicted(&self, model: &str, version: i64, kind: PredictionKind, count: u64) {
+        self.predicted.add(model, version, kind, count);
     }
 
     /// An upload ended.

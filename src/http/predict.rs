@@ -20,6 +20,7 @@ use super::{AppState, ServerSettings};
 use crate::access::Scope;
 use crate::driver::Window;
 use crate::predictor::{PredictError, Prediction, Simulated};
+use crate::telemetry::PredictionKind;
 
 /// Where predictions are asked.
 pub(super) const ROUTE: &str = "/v1/models/{model}/predict";
@@ -198,7 +199,7 @@ pub(super) async fn answer(app: &AppState, model: &ServedAt, body: PredictBody) 
     if predictions.iter().any(|p| !p.accel_mps2.is_finite() || !p.raw_accel_mps2.is_finite()) {
         return Err(Problem::internal(format!("version {version} predicts a number that is not finite")));
     }
-    app.metrics.predicted(&model.name, version, crate::telemetry::Predicted::Windows, count as u64);
+    app.metrics.predicted(&model.name, version, PredictionKind::Windows, count as u64);
     Ok(ok_json(&Predicted { model: &model.name, version, predictions }))
 }
 
@@ -223,7 +224,7 @@ pub(super) async fn simulate(
     if arrays.into_iter().flatten().any(|value| !value.is_finite()) {
         return Err(Problem::internal(format!("version {version} drives to a number that is not finite")));
     }
-    app.metrics.predicted(&model.name, version, crate::telemetry::Predicted::Simulation, 1);
+    app.metrics.predicted(&model.name, version, PredictionKind::Simulation, 1);
     Ok(ok_json(&Simulation { model: &model.name, version, drive }))
 }
 

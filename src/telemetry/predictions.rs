@@ -10,14 +10,14 @@ const NAME: &str = "headway_predictions_total";
 
 /// What was computed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Predicted {
+pub enum PredictionKind {
     /// A window's acceleration.
     Windows,
     /// A vehicle behind a leader.
     Simulation,
 }
 
-impl Predicted {
+impl PredictionKind {
     const ALL: [Self; 2] = [Self::Windows, Self::Simulation];
 
     fn as_str(self) -> &'static str {
@@ -30,15 +30,15 @@ impl Predicted {
 
 /// How often, by kind.
 #[derive(Debug, Default)]
-struct Counts([AtomicU64; Predicted::ALL.len()]);
+struct Counts([AtomicU64; PredictionKind::ALL.len()]);
 
 impl Counts {
-    fn add(&self, predicted: Predicted, count: u64) {
-        self.0[predicted as usize].fetch_add(count, Ordering::Relaxed);
+    fn add(&self, kind: PredictionKind, count: u64) {
+        self.0[kind as usize].fetch_add(count, Ordering::Relaxed);
     }
 
-    fn of(&self, predicted: Predicted) -> u64 {
-        self.0[predicted as usize].load(Ordering::Relaxed)
+    fn of(&self, kind: PredictionKind) -> u64 {
+        self.0[kind as usize].load(Ordering::Relaxed)
     }
 }
 
@@ -50,12 +50,12 @@ struct Model {
 
 impl Model {
     /// Counts for a version that may be new; of more than `most` the oldest joins those before it.
-    fn add(&mut self, most: usize, version: i64, predicted: Predicted, count: u64) {
-        self.versions.entry(version).or_default().add(predicted, count);
+    fn add(&mut self, most: usize, version: i64, kind: PredictionKind, count: u64) {
+        self.versions.entry(version).or_default().add(kind, count);
         while self.versions.len() > most
             && let Some((_, oldest)) = self.versions.pop_first()
         {
-            for kind in Predicted::ALL {
+            for kind in PredictionKind::ALL {
                 self.older.add(kind, oldest.of(kind));
             }
         }
@@ -75,21 +75,21 @@ impl Predictions {
         Self { most, models: RwLock::default() }
     }
 
-    pub(super) fn add(&self, model: &str, version: i64, predicted: Predicted, count: u64) {
+    pub(super) fn add(&self, model: &str, version: i64, kind: PredictionKind, count: u64) {
         let known = self.models.read().unwrap_or_else(PoisonError::into_inner);
         if let Some(counts) = known.get(model).and_then(|model| model.versions.get(&version)) {
-            return counts.add(predicted, count);
+            return counts.add(kind, count);
         }
         drop(known);
         let mut models = self.models.write().unwrap_or_else(PoisonError::into_inner);
-        models.entry(model.to_owned()).or_default().add(self.most, version, predicted, count);
+        models.entry(model.to_owned()).or_default().add(self.most, version, kind, count);
     }
 
     /// What Prometheus reads. Names of models need no escaping.
     pub(super) fn render(&self) -> String {
         let mut text = format!("# HELP {NAME} Windows predicted and simulations driven.\n# TYPE {NAME} counter\n");
         let mut line = |model: &str, version: &str, counts: &Counts| {
-            for kind in Predicted::ALL {
+            for kind in PredictionKind::ALL {
                 let (count, kind) = (counts.of(kind), kind.as_str());
                 if count > 0 {
                     let _ = writeln!(text, "{NAME}{{model=\"{model}\",version=\"{version}\",kind=\"{kind}\"}} {count}");
@@ -114,11 +114,11 @@ mod tests {
     fn every_prediction_is_counted_and_only_the_newest_versions_one_by_one() {
         let predictions = Predictions::new(2);
         for version in 1..=5 {
-            predictions.add("m", version, Predicted::Windows, 10);
+            predictions.add("m", version, PredictionKind::Windows, 10);
         }
-        predictions.add("m", 2, Predicted::Simulation, 1);
-        predictions.add("m", 5, Predicted::Windows, 1);
-        predictions.add("other", 1, Predicted::Windows, 7);
+        predictions.add("m", 2, PredictionKind::Simulation, 1);
+        predictions.add("m", 5, PredictionKind::Windows, 1);
+        predictions.add("other", 1, PredictionKind::Windows, 7);
         let text = predictions.render();
         let lines: Vec<_> = text.lines().filter(|line| !line.starts_with('#')).collect();
         assert_eq!(
