@@ -10,7 +10,7 @@ use parquet::schema::types::ColumnDescriptor;
 
 use super::FormatError;
 use super::columns::Role;
-use super::draft::shortened;
+use super::excerpt::shortened;
 use super::rows::{Cell, Run};
 
 /// One column of a row group.

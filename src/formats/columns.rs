@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::{Format, FormatError};
-use crate::formats::draft::shortened;
+use crate::formats::excerpt::shortened;
 
 /// Names of the columns of a tabular body.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]

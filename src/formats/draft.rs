@@ -2,6 +2,7 @@
 
 use std::borrow::Cow;
 
+use super::excerpt::shortened;
 use super::raw::{Flaw, Origin, RawEvent, reject};
 use crate::car_following::Recording;
 use crate::lineage::{Rejection, Split};
@@ -84,10 +85,4 @@ impl Draft {
             event_id => Err(reject(index, event_id, origin, &self.flaws)),
         }
     }
-}
-
-/// Text from a body, short enough for a message.
-pub(super) fn shortened(text: &str) -> String {
-    const MOST: usize = 60;
-    if text.chars().count() <= MOST { text.to_owned() } else { text.chars().take(MOST).chain(['…']).collect() }
 }

@@ -1,10 +1,10 @@
-//! What a library says of a body, which may quote all of it.
+//! Quoting a body in a message without quoting all of it.
 
 /// Most characters of its beginning, and of its end, which says where in the body.
 const BEGINNING: usize = 200;
 const END: usize = 60;
 
-/// What an error says, short enough for an answer: its beginning and its end.
+/// What a library says of a body, which may quote all of it: its beginning and its end.
 #[must_use]
 pub fn excerpt(error: &impl ToString) -> String {
     let said = error.to_string();
@@ -13,6 +13,12 @@ pub fn excerpt(error: &impl ToString) -> String {
         return said;
     }
     said.chars().take(BEGINNING).chain([' ', '…', ' ']).chain(said.chars().skip(length - END)).collect()
+}
+
+/// Text from a body, short enough for a message.
+pub(super) fn shortened(text: &str) -> String {
+    const MOST: usize = 60;
+    if text.chars().count() <= MOST { text.to_owned() } else { text.chars().take(MOST).chain(['…']).collect() }
 }
 
 #[cfg(test)]

@@ -7,8 +7,7 @@ use serde::de::{DeserializeSeed, Deserializer, Error as _, MapAccess, SeqAccess,
 use serde_json::value::RawValue;
 
 use super::FormatError;
-use super::draft::shortened;
-use super::excerpt::excerpt;
+use super::excerpt::{excerpt, shortened};
 use super::json_event::read;
 use super::output::Output;
 use super::raw::Origin;

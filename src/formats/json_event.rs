@@ -6,8 +6,8 @@ use std::fmt;
 use serde::de::{Deserialize, DeserializeSeed, Deserializer, IgnoredAny, MapAccess, SeqAccess, Visitor};
 
 use super::FormatLimits;
-use super::draft::{Draft, shortened};
-use super::excerpt::excerpt;
+use super::draft::Draft;
+use super::excerpt::{excerpt, shortened};
 
 const FIELDS: [&str; 9] = [
     "event_id",

@@ -13,7 +13,7 @@ mod csv;
 mod draft;
 /// What makes a whole body unusable.
 mod error;
-/// What a library says of a body.
+/// Quoting a body in a message without quoting all of it.
 mod excerpt;
 /// Code of libraries that may panic.
 mod guarded;

@@ -8,7 +8,8 @@ use sha2::{Digest, Sha256};
 
 use super::FormatError;
 use super::columns::Role;
-use super::draft::{Draft, shortened};
+use super::draft::Draft;
+use super::excerpt::shortened;
 use super::output::Output;
 use super::raw::Origin;
 use crate::lineage::Place;
