@@ -103,7 +103,7 @@ async fn assemble(
         backup_slot: slots(1),
         body_room: slots(config.server.json_bodies_bytes as usize),
         ingest: config.ingest,
-        metrics: Metrics::new(config.server.counted_versions),
+        metrics: Metrics::new(config.server.counted_versions, config.server.counted_regimes),
         settings: config.server,
         model_defaults: config.model,
         stopping,

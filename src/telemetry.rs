@@ -1,5 +1,9 @@
 //! Logs to stderr, and metrics for `/metrics`.
 
+/// How long things took.
+mod durations;
+/// How the live versions drive.
+mod driving;
 /// Panics in the log.
 mod panics;
 /// Predictions by version.
@@ -20,6 +24,8 @@ use tracing_subscriber::fmt;
 pub use panics::log_panics;
 pub use predictions::PredictionKind;
 
+use crate::lineage::RegimeEvaluation;
+use crate::predictor::Flag;
 use crate::store::{DatabaseSize, ModelCensus};
 
 /// How the log looks.
@@ -65,6 +71,7 @@ pub struct Metrics {
     handle: PrometheusHandle,
     answered: Arc<Answers>,
     predicted: Arc<predictions::Predictions>,
+    driving: Arc<driving::Driving>,
 }
 
 /// How often, and how long each took.
@@ -97,10 +104,12 @@ impl std::fmt::Debug for Metrics {
 }
 
 impl Metrics {
-    /// Metrics of which the newest `counted_versions` versions of a model have some of their own.
+    /// Metrics of which the newest `counted_versions` versions and the `counted_regimes` regimes learned last of a model have
+    /// some of their own.
     #[must_use]
-    pub fn new(counted_versions: usize) -> Self {
-        let buckets = [0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 5.0, 10.0, 30.0, 60.0];
+    pub fn new(counted_versions: usize, counted_regimes: usize) -> Self {
+        let buckets =
+            [1e-4, 2.5e-4, 5e-4, 0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 10.0, 60.0];
         let task_buckets = [1.0, 5.0, 15.0, 60.0, 300.0, 900.0, 3600.0, 14400.0];
         let matcher = metrics_exporter_prometheus::Matcher::Full("headway_task_duration_seconds".to_owned());
         let recorder = PrometheusBuilder::new()
@@ -110,7 +119,8 @@ impl Metrics {
             .build_recorder();
         let handle = recorder.handle();
         let predicted = Arc::new(predictions::Predictions::new(counted_versions));
-        let metrics = Self { recorder: Arc::new(recorder), handle, answered: Arc::default(), predicted };
+        let driving = Arc::new(driving::Driving::new(counted_regimes));
+        let metrics = Self { recorder: Arc::new(recorder), handle, answered: Arc::default(), predicted, driving };
         metrics.with(describe);
         metrics
     }
@@ -150,7 +160,7 @@ impl Metrics {
     #[must_use]
     pub fn render(&self) -> String {
         self.handle.run_upkeep();
-        self.handle.render() + &self.predicted.render()
+        self.handle.render() + &self.predicted.render() + &self.driving.render()
     }
 
     /// Puts recorded durations into their buckets. Until then each is kept by itself: to be called now and then, whether
@@ -172,9 +182,16 @@ impl Metrics {
         durations.record(elapsed_s);
     }
 
-    /// Windows were predicted, or a simulation was driven.
-    pub fn predicted(&self, model: &str, version: i64, kind: PredictionKind, count: u64) {
-        self.predicted.add(model, version, kind, count);
+    /// A request's windows were predicted, or its simulation was driven: how long that took, and the flags of each answer.
+    pub fn predicted<'f>(
+        &self,
+        model: &str,
+        version: i64,
+        kind: PredictionKind,
+        took: Duration,
+        flags: impl ExactSizeIterator<Item = &'f [Flag]>,
+    ) {
+        self.predicted.add(model, version, kind, took, flags);
     }
 
     /// An upload ended.
@@ -224,6 +241,17 @@ impl Metrics {
         });
     }
 
+    /// Whether [`Self::drives`] has been told of this live version of the model.
+    #[must_use]
+    pub fn knows_driving(&self, model: &str, live: Option<i64>) -> bool {
+        self.driving.knows(model, live)
+    }
+
+    /// How the version that is live drives in every regime of its line, in the order first learned.
+    pub fn drives(&self, model: &str, live: Option<i64>, regimes: &[RegimeEvaluation]) {
+        self.driving.set(model, live, regimes);
+    }
+
     /// How large the database is, as it stands.
     #[expect(clippy::cast_precision_loss, reason = "Prometheus counts in f64")]
     pub fn database_size(&self, size: DatabaseSize) {
@@ -247,7 +275,7 @@ mod tests {
 
     #[test]
     fn two_servers_count_for_themselves() {
-        let (one, other) = (Metrics::new(1), Metrics::new(1));
+        let (one, other) = (Metrics::new(1, 1), Metrics::new(1, 1));
         one.http_request("/healthz", "GET", 200, 0.001);
         let expected = r#"headway_http_requests_total{route="/healthz",method="GET",status="200"} 1"#;
         assert!(one.render().contains(expected), "{}", one.render());

@@ -44,6 +44,13 @@ pub(super) async fn metrics(State(app): State<Arc<AppState>>) -> Result<impl Int
         let (answering, corrupt) =
             (app.predictor.answering(model.model_id), app.store.corrupt_versions(model.model_id));
         app.metrics.integrity(&model.name, answering, corrupt);
+        if !app.metrics.knows_driving(&model.name, model.live) {
+            let regimes = match model.live {
+                Some(live) => app.store.evaluation(model.model_id, live).await?,
+                None => Vec::new(),
+            };
+            app.metrics.drives(&model.name, model.live, &regimes);
+        }
     }
     app.metrics.database_size(app.store.size().await?);
     Ok(([(CONTENT_TYPE, "text/plain; version=0.0.4; charset=utf-8")], app.metrics.render()))

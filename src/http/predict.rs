@@ -1,6 +1,7 @@
 //! `…/predict` and `…/simulate`: what a version would do.
 
 use std::sync::Arc;
+use std::time::Instant;
 
 use axum::extract::State;
 use axum::response::Response;
@@ -193,13 +194,13 @@ pub(super) async fn answer(app: &AppState, model: &ServedAt, body: PredictBody) 
         .await
         .map_err(|e| refusal(model, e))?;
     let windows = body.windows(loaded.horizon(), &app.settings)?;
-    let version = loaded.version();
-    let count = windows.len();
+    let (version, began) = (loaded.version(), Instant::now());
     let predictions = app.predictor.predict(loaded, windows).await.map_err(|e| refusal(model, e))?;
     if predictions.iter().any(|p| !p.accel_mps2.is_finite() || !p.raw_accel_mps2.is_finite()) {
         return Err(Problem::internal(format!("version {version} predicts a number that is not finite")));
     }
-    app.metrics.predicted(&model.name, version, PredictionKind::Windows, count as u64);
+    let flags = predictions.iter().map(|prediction| prediction.flags.as_slice());
+    app.metrics.predicted(&model.name, version, PredictionKind::Windows, began.elapsed(), flags);
     Ok(ok_json(&Predicted { model: &model.name, version, predictions }))
 }
 
@@ -217,14 +218,15 @@ pub(super) async fn simulate(
         .await
         .map_err(|e| refusal(&model, e))?;
     let (initial, leader_speed_mps) = body.start(loaded.horizon(), &app.settings)?;
-    let version = loaded.version();
+    let (version, began) = (loaded.version(), Instant::now());
     let drive = app.predictor.simulate(loaded, initial, leader_speed_mps).await;
     let drive = drive.map_err(|e| refusal(&model, e))?;
     let arrays = [&drive.spacing_m, &drive.follower_speed_mps, &drive.accel_mps2];
     if arrays.into_iter().flatten().any(|value| !value.is_finite()) {
         return Err(Problem::internal(format!("version {version} drives to a number that is not finite")));
     }
-    app.metrics.predicted(&model.name, version, PredictionKind::Simulation, 1);
+    let flags = std::iter::once(drive.flags.as_slice());
+    app.metrics.predicted(&model.name, version, PredictionKind::Simulation, began.elapsed(), flags);
     Ok(ok_json(&Simulation { model: &model.name, version, drive }))
 }
 

@@ -67,6 +67,8 @@ pub struct ServerSettings {
     pub close_s: f64,
     /// Versions of a model that have metrics of their own, the newest; those before them share some.
     pub counted_versions: usize,
+    /// Regimes of a model's live version that have metrics of their own, those learned last.
+    pub counted_regimes: usize,
     /// Origins of web pages whose scripts may use the interface; none: no page's.
     pub cors_origins: Vec<String>,
     /// Encryption.
@@ -91,7 +93,7 @@ impl ServerSettings {
 
     /// Every number, and the range it must lie in.
     #[must_use]
-    pub fn numbers(&self) -> [(&'static str, f64, RangeInclusive<f64>); 29] {
+    pub fn numbers(&self) -> [(&'static str, f64, RangeInclusive<f64>); 30] {
         [
             ("threads", self.threads as f64, 0.0..=1024.0),
             ("json_body_bytes", self.json_body_bytes as f64, 1.0..=1e9),
@@ -121,6 +123,7 @@ impl ServerSettings {
             ("drain_s", self.drain_s, 0.0..=86_400.0),
             ("close_s", self.close_s, 0.01..=86_400.0),
             ("counted_versions", self.counted_versions as f64, 1.0..=10_000.0),
+            ("counted_regimes", self.counted_regimes as f64, 0.0..=10_000.0),
             ("tls.handshake_s", self.tls.handshake_s, 0.01..=3600.0),
             ("tls.look_s", self.tls.look_s, 0.01..=86_400.0),
         ]

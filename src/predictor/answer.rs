@@ -14,6 +14,21 @@ pub enum Flag {
     WarmingUp,
 }
 
+impl Flag {
+    /// Every flag, in order.
+    pub const ALL: [Self; 3] = [Self::OutOfRange, Self::Envelope, Self::WarmingUp];
+
+    /// Its name on the wire.
+    #[must_use]
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::OutOfRange => "out_of_range",
+            Self::Envelope => "envelope",
+            Self::WarmingUp => "warming_up",
+        }
+    }
+}
+
 /// The answer to one window.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Prediction {
