@@ -24,7 +24,7 @@ use tracing_subscriber::fmt;
 pub use panics::log_panics;
 pub use predictions::PredictionKind;
 
-use crate::lineage::RegimeEvaluation;
+use crate::lineage::{RegimeEvaluation, TaskState};
 use crate::predictor::Flag;
 use crate::store::{DatabaseSize, ModelCensus};
 
@@ -226,6 +226,10 @@ impl Metrics {
             gauge!("headway_live_version_tainted", "model" => model.clone())
                 .set(f64::from(u8::from(state.live_tainted)));
             gauge!("headway_sources_held", "model" => model.clone()).set(state.held_sources as f64);
+            // There from the beginning: an alert sees no counter that begins with 1.
+            for state in [TaskState::Succeeded, TaskState::Failed, TaskState::Cancelled].map(TaskState::as_str) {
+                counter!("headway_tasks_total", "model" => model.clone(), "state" => state).increment(0);
+            }
             gauge!("headway_tasks", "model" => model.clone(), "state" => "queued").set(state.queued as f64);
             gauge!("headway_tasks", "model" => model.clone(), "state" => "running").set(state.running as f64);
         });

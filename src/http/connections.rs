@@ -26,8 +26,8 @@ const PAUSE: Duration = Duration::from_secs(1);
 
 /// What a client is told when as many connections are open as the server keeps.
 const FULL: &[u8] = b"HTTP/1.1 503 Service Unavailable\r\ncontent-type: application/problem+json\r\nretry-after: 1\r\n\
-    connection: close\r\ncontent-length: 172\r\n\r\n\
-    {\"type\":\"urn:headway:problem:busy\",\"title\":\"Too many requests of this kind at once\",\"status\":503,\
+    connection: close\r\ncontent-length: 162\r\n\r\n\
+    {\"type\":\"/problems/busy\",\"title\":\"Too many requests of this kind at once\",\"status\":503,\
     \"code\":\"busy\",\"detail\":\"as many connections are open as the server keeps\"}\n";
 
 /// Answers whoever connects to `listener`, `settings.connections` of them at once. Once `stopping` turns true nobody else is

@@ -219,6 +219,9 @@ pub(super) fn acceptable(headers: &HeaderMap, route: &str) -> Result<(), Problem
     let offers: &[&str] = match route {
         "/metrics" => &["text/plain"],
         route if route.ends_with("/progress") => &["text/event-stream"],
+        "/openapi.yaml" => &["application/yaml"],
+        "/docs" => &["text/html"],
+        "/docs/{file}" => return Ok(()),
         route if route.ends_with("/artifact") => return Ok(()),
         _ => &["application/json", "application/problem+json"],
     };

@@ -16,6 +16,8 @@ mod body;
 pub mod connections;
 /// Request ids, log line, metrics, rendering of problems.
 mod context;
+/// `/openapi.json`, `/openapi.yaml`, `/docs`.
+mod contract;
 /// `ETag` and `If-Match`.
 mod etag;
 /// Versions and reference drivers on events that are not kept.
@@ -46,8 +48,10 @@ mod path;
 mod patience;
 /// Predictions and simulations.
 mod predict;
-/// The table of problems.
+/// What is answered instead, and the table of its kinds.
 mod problem;
+/// `/problems`.
+mod problems;
 /// A task's progress as a stream.
 mod progress;
 /// Query parameters and paging.
@@ -168,6 +172,12 @@ fn routes() -> Vec<Route> {
         at("/healthz").get(Nothing, health::live),
         at("/readyz").get(Nothing, health::ready),
         at("/metrics").get(EveryModel, health::metrics),
+        at("/openapi.json").get(Nothing, contract::json),
+        at("/openapi.yaml").get(Nothing, contract::yaml),
+        at("/docs").get(Nothing, contract::viewer),
+        at("/docs/{file}").get(Nothing, contract::viewer_file),
+        at("/problems").get(Nothing, problems::list),
+        at("/problems/{code}").get(Nothing, problems::read),
         at("/v1/backup").get(May(Admin), backup::list).post(May(Admin), backup::create),
         at("/v1/keys").get(May(Admin), keys::list).post(May(Admin), keys::create),
         at("/v1/keys/{key_id}").get(May(Admin), keys::read).delete(May(Admin), keys::revoke),

@@ -30,6 +30,14 @@ pub(super) struct TaskAt(pub i64);
 #[derive(Debug)]
 pub(super) struct SourceAt(pub String);
 
+/// The file of the viewer a path names.
+#[derive(Debug)]
+pub(super) struct FileAt(pub String);
+
+/// The kind of problem a path names.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct CodeAt(pub Code);
+
 /// The version a path names: `3`.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct VersionAt(pub i64);
@@ -48,6 +56,24 @@ impl FromRequestParts<Arc<AppState>> for SourceAt {
 
     async fn from_request_parts(parts: &mut Parts, _: &Arc<AppState>) -> Result<Self, Problem> {
         parameter(parts, "source").await.map(Self)
+    }
+}
+
+impl<S: Sync> FromRequestParts<S> for FileAt {
+    type Rejection = Problem;
+
+    async fn from_request_parts(parts: &mut Parts, _: &S) -> Result<Self, Problem> {
+        parameter(parts, "file").await.map(Self)
+    }
+}
+
+impl<S: Sync> FromRequestParts<S> for CodeAt {
+    type Rejection = Problem;
+
+    async fn from_request_parts(parts: &mut Parts, _: &S) -> Result<Self, Problem> {
+        let name = parameter(parts, "code").await?;
+        let missing = || Code::NotFound.because(format!("no problem is called {name:?}"));
+        Code::named(&name).map(Self).ok_or_else(missing)
     }
 }
 

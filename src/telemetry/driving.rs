@@ -78,7 +78,8 @@ impl Driving {
             for (model, of_model) in models.iter() {
                 for driven in &of_model.regimes {
                     for (driver, value) in values(driven) {
-                        let _ = writeln!(text, "{name}{{model=\"{model}\",regime=\"{}\"{driver}}} {value}", driven.regime);
+                        let _ =
+                            writeln!(text, "{name}{{model=\"{model}\",regime=\"{}\"{driver}}} {value}", driven.regime);
                     }
                 }
             }
@@ -129,7 +130,11 @@ mod tests {
         assert!(!driving.knows("m", None));
         driving.set("m", None, &[]);
         assert!(driving.knows("m", None) && !driving.knows("m", Some(3)));
-        driving.set("m", Some(3), &[regime("old", 1, Some(9.0)), regime("fast", 3, Some(3.0)), regime("slow", 2, None)]);
+        driving.set(
+            "m",
+            Some(3),
+            &[regime("old", 1, Some(9.0)), regime("fast", 3, Some(3.0)), regime("slow", 2, None)],
+        );
         assert!(driving.knows("m", Some(3)));
         let text = driving.render();
         let lines: Vec<_> = text.lines().filter(|line| !line.starts_with('#')).collect();

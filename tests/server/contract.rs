@@ -39,7 +39,9 @@ async fn every_method_of_the_contract_is_routed_and_no_other() {
             .replace("{task_id}", "t1")
             .replace("{source}", "site")
             .replace("{version}", "1")
-            .replace("{key_id}", "0123456789abcdef");
+            .replace("{key_id}", "0123456789abcdef")
+            .replace("{file}", "start.js")
+            .replace("{code}", "busy");
         for method in ["GET", "POST", "PUT", "PATCH", "DELETE"] {
             let request = server.request(method.parse().unwrap(), &path).header("accept", "*/*");
             let answer = server.send(request).await;

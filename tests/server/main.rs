@@ -21,6 +21,8 @@ mod browsers;
 mod contract;
 /// Damaged databases.
 mod corruption;
+/// What the server says of itself.
+mod documented;
 /// Content that goes for good.
 mod erase;
 /// Versions and reference drivers on events that are not kept.
@@ -45,6 +47,8 @@ mod migrations;
 mod logged;
 /// Models: create, read, pause.
 mod models;
+/// What dashboards and alerts ask.
+mod monitoring;
 /// Lists.
 mod paging;
 /// Predictions and simulations.
