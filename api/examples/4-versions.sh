@@ -1,0 +1,15 @@
+# Versions: what tasks made, and how it drives.
+
+url=${HEADWAY_URL:-http://127.0.0.1:8080}
+
+curl -sS --fail-with-body "$url/v1/models/quick/versions"
+curl -sS --fail-with-body "$url/v1/models/quick/versions/2"
+curl -sS --fail-with-body -X PATCH "$url/v1/models/quick/versions/2" \
+  -H 'Content-Type: application/json' -d '{"note": "the first that knows slow traffic"}'
+
+# On the test events of every regime that it has learned.
+curl -sS --fail-with-body "$url/v1/models/quick/versions/2/evaluation"
+
+# On events that are not kept, beside the version before it and drivers out of the literature.
+curl -sS --fail-with-body -X POST "$url/v1/models/quick/evaluate?versions=1,2&references=idm,gipps&regime=fast" \
+  -H 'Content-Type: text/csv' --data-binary @fast.csv

@@ -1,0 +1,22 @@
+# The server itself.
+
+url=${HEADWAY_URL:-http://127.0.0.1:8080}
+
+curl -sS --fail-with-body "$url/healthz"
+curl -sS --fail-with-body "$url/readyz"
+curl -sS --fail-with-body "$url/metrics"
+
+# A copy of the database in the folder that the setting backup.folder names, and which there are.
+curl -sS --fail-with-body -X POST "$url/v1/backup"
+curl -sS --fail-with-body "$url/v1/backup"
+
+# Who changed what, and when.
+curl -sS --fail-with-body "$url/v1/audit?page_size=5"
+
+# What the interface says of itself: the contract, a page that shows it, and what to do about a problem.
+curl -sS --fail-with-body "$url/openapi.json" -o openapi.json
+curl -sS --fail-with-body "$url/openapi.yaml" -o openapi.yaml
+curl -sS --fail-with-body "$url/docs"
+curl -sS --fail-with-body "$url/docs/start.js"
+curl -sS --fail-with-body "$url/problems"
+curl -sS --fail-with-body "$url/problems/no_live_version"
