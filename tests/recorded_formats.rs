@@ -8,7 +8,7 @@ use std::fs::File;
 use std::ops::ControlFlow;
 use std::path::PathBuf;
 
-use headway::car_following::{CheckSettings, Conversion, Event, Target};
+use headway::car_following::{CheckSettings, Conversion, Event, ExtractionSettings, Target};
 use headway::formats::{BodyKind, Encoding, Format, FormatLimits, Preset, RawEvent, decode};
 
 const TARGET: Target = Target { dt_s: 0.1, min_steps: 12, max_steps: 6000 };
@@ -26,7 +26,7 @@ fn recorded(name: &str) -> Option<File> {
 fn raw_events(file: File, format: Format) -> Vec<RawEvent> {
     let kind = BodyKind { format, encoding: Encoding::Identity, preset: Preset::Follownet };
     let mut events = Vec::new();
-    decode(file, kind, &FormatLimits::default(), &mut |decoded| {
+    decode(file, kind, &FormatLimits::default(), &ExtractionSettings::default(), &mut |decoded| {
         events.push(decoded.expect("a recorded event can be read"));
         ControlFlow::Continue(())
     })

@@ -30,6 +30,8 @@ FORESEEN = {
     "invalid_body not_limited/models: admin": "which members exclude each other, descriptions say",
     "invalid_body out_of_range/mean_speed_mps: .*low <= high": "a schema does not compare members",
     "invalid_body preset [a-z]+ names columns, and a JSON event has none": "which option goes with which body, descriptions say",
+    "invalid_query option_not_applicable/": "which option goes with which body, descriptions say",
+    "invalid_query invalid_option/min_(duration_s|spacing_m): .* is not within": "a schema does not compare parameters",
     "invalid_query missing_option/": "a spacing that is not net needs lengths, as descriptions say",
     "invalid_query unknown_token/page_token": "whether this list gave a token, the server knows",
     "invalid_query out_of_range/wait_s: 0 to 1$": "the run sets the greatest wait to 1 s, so as not to wait",

@@ -7,6 +7,7 @@ use std::path::Path;
 
 use anyhow::{bail, ensure};
 
+use crate::car_following::ExtractionSettings;
 use crate::formats::{BodyKind, Encoding, Format, FormatError, FormatLimits, Preset, RawEvent, decode};
 use crate::lineage::Rejection;
 
@@ -64,7 +65,8 @@ impl From<FormatError> for Unread {
 fn read_as(path: &Path, format: Format, preset: Preset) -> Result<Vec<Result<RawEvent, Rejection>>, Unread> {
     let kind = BodyKind { format, encoding: Encoding::Identity, preset };
     let mut contents = Vec::new();
-    decode(File::open(path)?, kind, &FormatLimits::default(), &mut |decoded| {
+    let (limits, extraction) = (FormatLimits::default(), ExtractionSettings::default());
+    decode(File::open(path)?, kind, &limits, &extraction, &mut |decoded| {
         contents.push(decoded);
         ControlFlow::Continue(())
     })?;

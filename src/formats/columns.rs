@@ -5,6 +5,10 @@ use serde::{Deserialize, Serialize};
 use super::{Format, FormatError};
 use crate::formats::excerpt::shortened;
 
+/// What makes SUMO write who is ahead.
+pub(super) const LEADERS: &str = "SUMO writes leaders when it is told --fcd-output.max-leader-distance 200, and with \
+                                  --fcd-output.attributes when that names id, speed, leaderID, leaderSpeed and leaderGap";
+
 /// Names of the columns of a tabular body.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -14,9 +18,9 @@ pub enum Preset {
     Headway,
     /// `FollowNet`'s: `spacing, sv_speed, rel_speed, lv_speed`.
     Follownet,
-    /// NGSIM's. Not available yet.
+    /// NGSIM's: every vehicle of a road at every time, in feet.
     Ngsim,
-    /// SUMO's floating-car data. Not available yet.
+    /// SUMO's floating-car data: every vehicle of a road at every time.
     Fcd,
 }
 
@@ -33,19 +37,37 @@ pub(super) enum Role {
     FollowerSpeed,
     LeaderSpeed,
     RelSpeed,
-    /// Provenance that is not kept.
+    /// Of a whole road: the vehicle's number, or its name.
+    Vehicle,
+    VehicleName,
+    /// Its speed.
+    Speed,
+    /// Its length.
+    Length,
+    /// Front to front.
+    Headway,
+    /// Who is ahead, by number or by name.
+    Leader,
+    LeaderName,
+    /// Bumper to bumper.
+    Gap,
+    Frame,
+    /// In milliseconds.
+    Clock,
+    /// Which road.
+    Location,
+    /// What is not kept.
     Ignored,
 }
 
 /// Most columns of a body that are read: none twice.
-pub(super) const ROLES: usize = 10;
+pub(super) const ROLES: usize = 12;
 
 /// In every preset.
-const SHARED: [(&str, Role); 8] = [
+const SHARED: [(&str, Role); 3] = [("source", Role::Source), ("run", Role::Run), ("split", Role::Split)];
+/// In those whose rows are steps of events.
+const STEPS: [(&str, Role); 5] = [
     ("event_id", Role::EventId),
-    ("source", Role::Source),
-    ("run", Role::Run),
-    ("split", Role::Split),
     ("t", Role::Time),
     ("dt_s", Role::Dt),
     // Which vehicles, and what drives the follower: recordings carry them, nothing here uses them.
@@ -64,6 +86,26 @@ const FOLLOWNET: [(&str, Role); 4] = [
     ("lv_speed", Role::LeaderSpeed),
     ("rel_speed", Role::RelSpeed),
 ];
+/// Published files differ in case, and in the name of one column.
+const NGSIM: [(&str, Role); 9] = [
+    ("Vehicle_ID", Role::Vehicle),
+    ("Frame_ID", Role::Frame),
+    ("Global_Time", Role::Clock),
+    ("v_Length", Role::Length),
+    ("v_Vel", Role::Speed),
+    ("Preceding", Role::Leader),
+    ("Space_Headway", Role::Headway),
+    ("Space_Hdwy", Role::Headway),
+    ("Location", Role::Location),
+];
+const FCD: [(&str, Role); 6] = [
+    ("timestep_time", Role::Time),
+    ("vehicle_id", Role::VehicleName),
+    ("vehicle_speed", Role::Speed),
+    ("vehicle_leaderID", Role::LeaderName),
+    ("vehicle_leaderSpeed", Role::LeaderSpeed),
+    ("vehicle_leaderGap", Role::Gap),
+];
 
 impl Preset {
     fn name(self) -> &'static str {
@@ -75,27 +117,57 @@ impl Preset {
         }
     }
 
+    /// Whether a body of `format` is a recording of a whole road, out of which events are extracted.
+    #[must_use]
+    pub fn is_of_road(self, format: Format) -> bool {
+        self.names_vehicles() || format == Format::Xml
+    }
+
+    /// Whether a row is a vehicle at one time, and not a step of an event.
+    fn names_vehicles(self) -> bool {
+        matches!(self, Self::Ngsim | Self::Fcd)
+    }
+
     /// Whether a body of `format` can be read with this preset.
     ///
     /// # Errors
-    /// `not_available` for what another release reads; `preset_not_applicable` for JSON under other names than its own.
+    /// `preset_not_applicable` where the format has no columns, or other ones.
     pub fn check(self, format: Format) -> Result<(), FormatError> {
-        match (self, format) {
-            (Self::Ngsim | Self::Fcd, _) => Err(FormatError::Unsupported {
-                code: "not_available",
-                detail: format!("preset {} is not available yet; headway and follownet are", self.name()),
-            }),
-            (Self::Follownet, Format::Json | Format::Ndjson) => {
-                let detail = "preset follownet names columns, and a JSON event has none".to_owned();
-                Err(FormatError::invalid(None, "preset_not_applicable", detail))
-            }
-            _ => Ok(()),
-        }
+        let why = match (self, format) {
+            (_, Format::Csv)
+            | (Self::Headway | Self::Fcd, Format::Xml)
+            | (Self::Headway | Self::Follownet | Self::Ngsim, Format::Parquet)
+            | (Self::Headway, Format::Json | Format::Ndjson) => return Ok(()),
+            (_, Format::Json | Format::Ndjson) => "names columns, and a JSON event has none",
+            (_, Format::Xml) => "names columns, and XML is read as preset fcd alone",
+            (Self::Fcd, Format::Parquet) => "is read from XML and CSV alone",
+        };
+        let detail = format!("preset {} {why}", self.name());
+        Err(FormatError::invalid(None, "preset_not_applicable", detail))
     }
 
     fn columns(self) -> impl Iterator<Item = (&'static str, Role)> {
-        let own = if self == Self::Follownet { FOLLOWNET } else { HEADWAY };
-        SHARED.into_iter().chain(own)
+        let (steps, own): (&[_], &[_]) = match self {
+            Self::Headway => (&STEPS, &HEADWAY),
+            Self::Follownet => (&STEPS, &FOLLOWNET),
+            Self::Ngsim => (&[], &NGSIM),
+            Self::Fcd => (&[], &FCD),
+        };
+        SHARED.into_iter().chain(steps.iter().copied()).chain(own.iter().copied())
+    }
+
+    fn role(self, name: &str) -> Option<Role> {
+        let same = |known: &str| if self.names_vehicles() { known.eq_ignore_ascii_case(name) } else { known == name };
+        self.columns().find(|(known, _)| same(known)).map(|(_, role)| role)
+    }
+
+    /// Columns without which nothing can be read.
+    fn required(self) -> &'static [Role] {
+        match self {
+            Self::Headway | Self::Follownet => &[Role::EventId, Role::Spacing, Role::FollowerSpeed, Role::LeaderSpeed],
+            Self::Ngsim => &[Role::Vehicle, Role::Frame, Role::Length, Role::Speed, Role::Leader, Role::Headway],
+            Self::Fcd => &[Role::Time, Role::VehicleName, Role::Speed, Role::LeaderName, Role::LeaderSpeed, Role::Gap],
+        }
     }
 
     /// The role of each of `names`.
@@ -105,12 +177,14 @@ impl Preset {
     pub(super) fn roles<'n>(self, names: impl Iterator<Item = &'n str>) -> Result<Vec<Role>, FormatError> {
         let (mut roles, mut unknown) = (Vec::new(), Vec::new());
         for name in names {
-            match self.columns().find(|(known, _)| *known == name) {
-                Some((_, role)) if role != Role::Ignored && roles.contains(&role) => {
+            match self.role(name) {
+                Some(role) if role != Role::Ignored && roles.contains(&role) => {
                     let detail = format!("column {name} is there twice");
                     return Err(FormatError::invalid(None, "duplicate_column", detail));
                 }
-                Some((_, role)) => roles.push(role),
+                Some(role) => roles.push(role),
+                // A recording of a road says much that is not needed.
+                None if self.names_vehicles() => roles.push(Role::Ignored),
                 None => unknown.push(format!("{:?}", shortened(name))),
             }
         }
@@ -127,15 +201,24 @@ impl Preset {
             );
             return Err(FormatError::invalid(None, "unknown_column", detail));
         }
-        let required = [Role::EventId, Role::Spacing, Role::FollowerSpeed, Role::LeaderSpeed];
-        let missing = self.columns().filter(|(_, role)| required.contains(role) && !roles.contains(role));
-        let missing: Vec<_> = missing.map(|(name, _)| name).collect();
-        if !missing.is_empty() {
-            let (s, are) = if missing.len() == 1 { ("", "is") } else { ("s", "are") };
-            let detail = format!("column{s} {} of preset {} {are} missing", missing.join(", "), self.name());
-            return Err(FormatError::invalid(None, "missing_column", detail));
-        }
+        self.complete(&roles)?;
         Ok(roles)
+    }
+
+    fn complete(self, roles: &[Role]) -> Result<(), FormatError> {
+        let mut missing: Vec<&str> = Vec::new();
+        for &role in self.required().iter().filter(|role| !roles.contains(role)) {
+            missing.extend(self.columns().find(|(_, known)| *known == role).map(|(name, _)| name));
+        }
+        if missing.is_empty() {
+            return Ok(());
+        }
+        let (s, are) = if missing.len() == 1 { ("", "is") } else { ("s", "are") };
+        let mut detail = format!("column{s} {} of preset {} {are} missing", missing.join(", "), self.name());
+        if self == Self::Fcd {
+            detail = format!("{detail}; {LEADERS}");
+        }
+        Err(FormatError::invalid(None, "missing_column", detail))
     }
 }
 
@@ -153,12 +236,33 @@ impl Role {
             Self::FollowerSpeed => "follower_speed_mps",
             Self::LeaderSpeed => "leader_speed_mps",
             Self::RelSpeed => "rel_speed_mps",
+            Self::Vehicle => "Vehicle_ID",
+            Self::VehicleName => "vehicle id",
+            Self::Speed => "the vehicle's speed",
+            Self::Length => "v_Length",
+            Self::Headway => "Space_Headway",
+            Self::Leader => "Preceding",
+            Self::LeaderName => "leaderID",
+            Self::Gap => "leaderGap",
+            Self::Frame => "Frame_ID",
+            Self::Clock => "Global_Time",
+            Self::Location => "Location",
             Self::Ignored => "",
         }
     }
 
     /// Whether it holds numbers.
     pub(super) fn is_number(self) -> bool {
-        !matches!(self, Self::EventId | Self::Source | Self::Run | Self::Split | Self::Ignored)
+        !matches!(
+            self,
+            Self::EventId
+                | Self::Source
+                | Self::Run
+                | Self::Split
+                | Self::VehicleName
+                | Self::LeaderName
+                | Self::Location
+                | Self::Ignored
+        )
     }
 }

@@ -1,4 +1,4 @@
-//! CSV: one step a row, under a header.
+//! CSV: one step a row, under a header; of a whole road, one vehicle at one time.
 
 use std::io::BufRead;
 
@@ -7,19 +7,23 @@ use ::csv::{ByteRecord, ErrorKind, ReaderBuilder};
 use super::FormatError;
 use super::columns::{Preset, ROLES, Role};
 use super::output::Output;
-use super::rows::{Cell, Rows};
+use super::rows::Cell;
 use super::source::Budget;
+use super::table::table;
+use crate::car_following::{Extraction, ExtractionSettings};
 use crate::lineage::Place;
 
-/// Decodes row by row. A row with other cells than the header refuses its event; at the end of the body a row with
-/// fewer means that the body was cut.
+/// Decodes row by row. A row with other cells than the header refuses its event, or the recording of a road; at the end of the
+/// body a row with fewer means that the body was cut.
 pub(super) fn decode(
     reader: Box<dyn BufRead>,
     budget: &Budget,
     preset: Preset,
+    extraction: &ExtractionSettings,
     output: &mut Output<'_, '_>,
-) -> Result<(), FormatError> {
-    let mut reader = ReaderBuilder::new().has_headers(false).flexible(true).from_reader(reader);
+) -> Result<Option<Extraction>, FormatError> {
+    let delimiter = if preset == Preset::Fcd { b';' } else { b',' };
+    let mut reader = ReaderBuilder::new().has_headers(false).flexible(true).delimiter(delimiter).from_reader(reader);
     let mut record = ByteRecord::new();
     if !next(&mut reader, &mut record, budget)? {
         return Err(FormatError::Truncated { detail: "there is no header".to_owned() });
@@ -30,27 +34,31 @@ pub(super) fn decode(
     }
     let roles = preset.roles(names.iter().map(String::as_str))?;
     let wanted: Vec<_> = (0..roles.len()).filter(|&i| roles[i] != Role::Ignored).collect();
-    let mut rows = Rows::new(wanted.iter().map(|&i| roles[i]).collect());
-    let mut short = None;
+    let mut table = table(preset, wanted.iter().map(|&i| roles[i]).collect(), output.limits, extraction);
+    let mut following = ByteRecord::new();
+    let mut more = next(&mut reader, &mut record, budget)?;
     for number in 1.. {
-        if !next(&mut reader, &mut record, budget)? {
+        if !more {
             break;
         }
-        short = (record.len() < roles.len()).then_some((number, record.len()));
+        let found = record.len();
         let mut cells = [Cell::Missing; ROLES];
         for (cell, &i) in cells.iter_mut().zip(&wanted) {
             *cell = read(record.get(i).unwrap_or_default(), number)?;
         }
-        rows.row(number, &cells[..wanted.len()], output)?;
-        if record.len() != roles.len() {
-            rows.ragged(record.len(), roles.len());
+        let mut taken = table.row(number, &cells[..wanted.len()], output);
+        if found != roles.len() {
+            taken = taken.and_then(|()| table.ragged(number, found, roles.len()));
         }
+        more = next(&mut reader, &mut following, budget)?;
+        if found < roles.len() && !more {
+            let detail = format!("row {number}, the last, has {found} of {} cells", roles.len());
+            return Err(FormatError::Truncated { detail });
+        }
+        taken?;
+        std::mem::swap(&mut record, &mut following);
     }
-    if let Some((number, found)) = short {
-        let detail = format!("row {number}, the last, has {found} of {} cells", roles.len());
-        return Err(FormatError::Truncated { detail });
-    }
-    rows.flush(output)
+    table.end(output)
 }
 
 fn next(

@@ -13,9 +13,12 @@ pub enum Format {
     Csv,
     /// One step a row.
     Parquet,
+    /// SUMO's floating-car data: every vehicle of a road at every time.
+    Xml,
 }
 
-const READ: &str = "application/json, application/x-ndjson, text/csv and application/vnd.apache.parquet";
+const READ: &str =
+    "application/json, application/x-ndjson, text/csv, application/vnd.apache.parquet and application/xml (SUMO FCD)";
 
 impl Format {
     /// The format a `Content-Type` header names; its parameters are ignored.
@@ -29,7 +32,8 @@ impl Format {
             "application/x-ndjson" => Ok(Self::Ndjson),
             "text/csv" => Ok(Self::Csv),
             "application/vnd.apache.parquet" => Ok(Self::Parquet),
-            "application/x-npy" | "application/xml" | "text/xml" => Err(FormatError::Unsupported {
+            "application/xml" | "text/xml" => Ok(Self::Xml),
+            "application/x-npy" => Err(FormatError::Unsupported {
                 code: "not_available",
                 detail: format!("{media} is not available yet; this release reads {READ}"),
             }),
@@ -48,6 +52,7 @@ impl Format {
             Self::Ndjson => "application/x-ndjson",
             Self::Csv => "text/csv",
             Self::Parquet => "application/vnd.apache.parquet",
+            Self::Xml => "application/xml",
         }
     }
 }
@@ -88,9 +93,10 @@ mod tests {
     #[test]
     fn content_types_are_read_without_their_parameters() {
         assert_eq!(Format::from_content_type("Text/CSV; charset=utf-8").unwrap(), Format::Csv);
-        for format in [Format::Json, Format::Ndjson, Format::Csv, Format::Parquet] {
+        for format in [Format::Json, Format::Ndjson, Format::Csv, Format::Parquet, Format::Xml] {
             assert_eq!(Format::from_content_type(format.media_type()).unwrap(), format);
         }
+        assert_eq!(Format::from_content_type("text/xml").unwrap(), Format::Xml);
         let code = |header| Format::from_content_type(header).unwrap_err().code();
         assert_eq!(code("application/x-npy"), "not_available");
         assert_eq!(code("text/plain"), "unsupported_media_type");

@@ -37,8 +37,12 @@ mod parquet;
 mod raw;
 /// Rows of one event into that event.
 mod rows;
+/// Recordings of a whole road, out of which events are extracted.
+mod scene;
 /// The body's bytes: decompressed, counted.
 mod source;
+/// What the rows of a tabular body become.
+mod table;
 /// The protocol in which Parquet files speak of themselves.
 mod thrift;
 
@@ -53,6 +57,8 @@ pub use media::{Encoding, Format};
 pub use output::Sink;
 pub use raw::{Origin, RawEvent};
 
+use crate::car_following::{Extraction, ExtractionSettings};
+
 /// What a body is said to be.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct BodyKind {
@@ -65,23 +71,30 @@ pub struct BodyKind {
 }
 
 /// Decodes the body in `file` from its beginning, giving each event or rejection to `sink` in order. A body may well
-/// hold none of either.
+/// hold none of either. Out of a recording of a whole road, events are extracted by the criteria of `extraction`; what became
+/// of its rows is given back.
 ///
 /// # Errors
 /// When the body as a whole cannot be used. What `sink` was given before then is to be forgotten.
-pub fn decode(file: File, kind: BodyKind, limits: &FormatLimits, sink: &mut Sink<'_>) -> Result<(), FormatError> {
+pub fn decode(
+    file: File,
+    kind: BodyKind,
+    limits: &FormatLimits,
+    extraction: &ExtractionSettings,
+    sink: &mut Sink<'_>,
+) -> Result<Option<Extraction>, FormatError> {
     kind.preset.check(kind.format)?;
     let mut output = output::Output::new(limits, sink);
     let (file, budget) = source::open(file, limits)?;
+    let text = |file| source::decompress(file, kind.encoding, &budget);
     match kind.format {
-        Format::Json => json::decode(source::decompress(file, kind.encoding, &budget)?, &budget, &mut output),
-        Format::Ndjson => ndjson::decode(source::decompress(file, kind.encoding, &budget)?, &budget, &mut output),
-        Format::Csv => {
-            csv::decode(source::decompress(file, kind.encoding, &budget)?, &budget, kind.preset, &mut output)
-        }
+        Format::Json => json::decode(text(file)?, &budget, &mut output).map(|()| None),
+        Format::Ndjson => ndjson::decode(text(file)?, &budget, &mut output).map(|()| None),
+        Format::Csv => csv::decode(text(file)?, &budget, kind.preset, extraction, &mut output),
+        Format::Xml => scene::decode(text(file)?, &budget, extraction, &mut output).map(Some),
         Format::Parquet => {
             let file = source::seekable(file, kind.encoding, &budget)?;
-            parquet::decode(file, kind.preset, limits, &mut output)
+            parquet::decode(file, kind.preset, extraction, &mut output)
         }
     }
 }

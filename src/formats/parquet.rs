@@ -2,6 +2,7 @@
 
 use std::fs::File;
 use std::io::{BufReader, Read, Seek, SeekFrom};
+use std::ops::Range;
 
 use ::parquet::errors::ParquetError;
 use ::parquet::file::reader::{ChunkReader, FileReader, Length, RowGroupReader, SerializedFileReader};
@@ -11,8 +12,9 @@ use super::cells::{Column, check};
 use super::columns::{Preset, Role};
 use super::guarded::guarded;
 use super::output::Output;
-use super::rows::Rows;
+use super::table::{Table, table};
 use super::{FormatError, FormatLimits, pages};
+use crate::car_following::{Extraction, ExtractionSettings};
 use crate::lineage::Place;
 
 /// Rows read at once from each column.
@@ -23,9 +25,10 @@ const MAGIC: &[u8] = b"PAR1";
 pub(super) fn decode(
     mut file: File,
     preset: Preset,
-    limits: &FormatLimits,
+    extraction: &ExtractionSettings,
     output: &mut Output<'_, '_>,
-) -> Result<(), FormatError> {
+) -> Result<Option<Extraction>, FormatError> {
+    let limits = output.limits;
     whole(&mut file)?;
     let length = file.metadata().map_err(FormatError::Io)?.len();
     let look = file.try_clone().map_err(FormatError::Io)?;
@@ -39,7 +42,7 @@ pub(super) fn decode(
     }
     bounded(&reader, limits)?;
     let wanted: Vec<_> = (0..roles.len()).filter(|&i| roles[i] != Role::Ignored).collect();
-    let mut rows = Rows::new(wanted.iter().map(|&i| roles[i]).collect());
+    let mut table = table(preset, wanted.iter().map(|&i| roles[i]).collect(), limits, extraction);
     let mut number = 1;
     for index in 0..reader.num_row_groups() {
         let group = guarded(|| reader.get_row_group(index))?;
@@ -50,16 +53,16 @@ pub(super) fn decode(
             let column = guarded(|| group.get_column_reader(i))?;
             columns.push(Column::new(column, &schema.columns()[i], roles[i]));
         }
-        number = read_group(group.as_ref(), &mut columns, number, &mut rows, output)?;
+        number = read_group(group.as_ref(), &mut columns, number, table.as_mut(), output)?;
     }
-    rows.flush(output)
+    table.end(output)
 }
 
 fn read_group(
     group: &dyn RowGroupReader,
     columns: &mut [Column],
     mut number: u64,
-    rows: &mut Rows,
+    table: &mut dyn Table,
     output: &mut Output<'_, '_>,
 ) -> Result<u64, FormatError> {
     let mut left = usize::try_from(group.metadata().num_rows())
@@ -69,7 +72,7 @@ fn read_group(
         for column in columns.iter_mut() {
             guarded(|| column.fill(chunk))?;
         }
-        take_rows(columns, chunk, number, rows, output)?;
+        take_rows(columns, chunk, number, table, output)?;
         number += chunk as u64;
         left -= chunk;
     }
@@ -82,22 +85,26 @@ fn take_rows(
     columns: &[Column],
     chunk: usize,
     number: u64,
-    rows: &mut Rows,
+    table: &mut dyn Table,
     output: &mut Output<'_, '_>,
 ) -> Result<(), FormatError> {
     let malformed = |row: usize, error: ParquetError| FormatError::malformed(Place::Row(number + row as u64), &error);
-    let id = &columns[rows.id_column()];
+    let one_by_one = |range: Range<usize>, table: &mut dyn Table, output: &mut Output<'_, '_>| {
+        for row in range {
+            let cells: Result<Vec<_>, _> = columns.iter().map(|column| column.cell(row)).collect();
+            table.row(number + row as u64, &cells.map_err(|e| malformed(row, e))?, output)?;
+        }
+        Ok(())
+    };
+    let Some(id) = table.id_column().map(|id| &columns[id]) else { return one_by_one(0..chunk, table, output) };
     let mut row = 0;
     while row < chunk {
         let end = id.end_of_same(row);
         let runs: Result<Option<Vec<_>>, _> = columns.iter().map(|column| column.run(row..end)).collect();
         if let Some(runs) = runs.map_err(|e| malformed(row, e))? {
-            rows.run(number + row as u64, end - row, &runs, output)?;
+            table.run(number + row as u64, end - row, &runs, output)?;
         } else {
-            for row in row..end {
-                let cells: Result<Vec<_>, _> = columns.iter().map(|column| column.cell(row)).collect();
-                rows.row(number + row as u64, &cells.map_err(|e| malformed(row, e))?, output)?;
-            }
+            one_by_one(row..end, table, output)?;
         }
         row = end;
     }

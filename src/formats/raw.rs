@@ -42,6 +42,8 @@ pub enum Origin {
     Line(u64),
     /// From this data row on, from 1; one row a step.
     Row(u64),
+    /// From this row of a whole road on, from 1; rows of other vehicles lie between its steps.
+    Among(u64),
 }
 
 impl Origin {
@@ -51,6 +53,7 @@ impl Origin {
         match self {
             Self::Line(line) => Place::Line(line),
             Self::Row(first) => Place::Row(first + step.unwrap_or(0) as u64),
+            Self::Among(first) => Place::Row(first),
             Self::Element(index) => {
                 let field = field.map(|field| field.replace('~', "~0").replace('/', "~1"));
                 Place::Pointer(match (field, step) {

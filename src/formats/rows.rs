@@ -12,6 +12,8 @@ use super::draft::Draft;
 use super::excerpt::shortened;
 use super::output::Output;
 use super::raw::Origin;
+use super::table::Table;
+use crate::car_following::Extraction;
 use crate::lineage::Place;
 
 /// One value of a row.
@@ -35,7 +37,7 @@ pub(super) enum Run<'a> {
 }
 
 impl<'a> Run<'a> {
-    fn cell(&self, row: usize) -> Cell<'a> {
+    pub(super) fn cell(&self, row: usize) -> Cell<'a> {
         match self {
             Self::Same(cell) => *cell,
             Self::Numbers(numbers) => Cell::Number(numbers[row]),
@@ -68,24 +70,45 @@ impl Rows {
         Self { roles: roles.into(), id_column, current: None, ended: HashSet::new() }
     }
 
-    /// Which of the columns says what event a row is of.
-    pub(super) fn id_column(&self) -> usize {
-        self.id_column
+    /// The event that row `number` belongs to; where it begins there, the one before is handed over.
+    fn begin(&mut self, number: u64, id: Cell<'_>, output: &mut Output<'_, '_>) -> Result<&mut Current, FormatError> {
+        let id = text_of(id);
+        if self.current.as_ref().is_none_or(|current| current.id != id) {
+            self.flush(output)?;
+            if !self.ended.is_empty() && self.ended.contains(&digest(&id)) {
+                let detail = format!("rows of event {:?} are not together", shortened(&id));
+                return Err(FormatError::invalid(Place::Row(number), "rows_apart", detail));
+            }
+            let mut draft = Draft::default();
+            draft.set_text("event_id", &id, output.limits.max_text_bytes);
+            let (id, roles) = (id.into_owned(), Rc::clone(&self.roles));
+            self.current = Some(Current { roles, id, draft, first_row: number, steps: 0, texts: [const { None }; 3] });
+        }
+        Ok(self.current.as_mut().expect("an event was just begun"))
     }
 
-    /// Takes row `number`, one cell a column.
-    pub(super) fn row(
-        &mut self,
-        number: u64,
-        cells: &[Cell<'_>],
-        output: &mut Output<'_, '_>,
-    ) -> Result<(), FormatError> {
+    /// Hands over the event whose rows have ended.
+    fn flush(&mut self, output: &mut Output<'_, '_>) -> Result<(), FormatError> {
+        let Some(current) = self.current.take() else { return Ok(()) };
+        output.put(current.draft, Origin::Row(current.first_row))?;
+        if !current.id.is_empty() {
+            self.ended.insert(digest(&current.id));
+        }
+        Ok(())
+    }
+}
+
+impl Table for Rows {
+    fn id_column(&self) -> Option<usize> {
+        Some(self.id_column)
+    }
+
+    fn row(&mut self, number: u64, cells: &[Cell<'_>], output: &mut Output<'_, '_>) -> Result<(), FormatError> {
         self.begin(number, cells[self.id_column], output)?.step(cells, output);
         Ok(())
     }
 
-    /// Takes `length` rows of one event, the first of which is row `number`, as [`Self::row`] would one after another.
-    pub(super) fn run(
+    fn run(
         &mut self,
         number: u64,
         length: usize,
@@ -104,41 +127,20 @@ impl Rows {
         Ok(())
     }
 
-    /// The event that row `number` belongs to; where it begins there, the one before is handed over.
-    fn begin(&mut self, number: u64, id: Cell<'_>, output: &mut Output<'_, '_>) -> Result<&mut Current, FormatError> {
-        let id = text_of(id);
-        if self.current.as_ref().is_none_or(|current| current.id != id) {
-            self.flush(output)?;
-            if !self.ended.is_empty() && self.ended.contains(&digest(&id)) {
-                let detail = format!("rows of event {:?} are not together", shortened(&id));
-                return Err(FormatError::invalid(Place::Row(number), "rows_apart", detail));
-            }
-            let mut draft = Draft::default();
-            draft.set_text("event_id", &id, output.limits.max_text_bytes);
-            let (id, roles) = (id.into_owned(), Rc::clone(&self.roles));
-            self.current = Some(Current { roles, id, draft, first_row: number, steps: 0, texts: [const { None }; 3] });
-        }
-        Ok(self.current.as_mut().expect("an event was just begun"))
-    }
-
-    /// The row has other cells than the header: whatever event it is of is refused.
-    pub(super) fn ragged(&mut self, found: usize, wanted: usize) {
+    /// Whatever event the row is of is refused.
+    fn ragged(&mut self, _: u64, found: usize, wanted: usize) -> Result<(), FormatError> {
         if let Some(current) = &mut self.current {
             let step = current.steps.saturating_sub(1);
             current
                 .draft
                 .flaw(None, step, "wrong_cell_count", || format!("the row has {found} cells, the header {wanted}"));
         }
+        Ok(())
     }
 
-    /// Hands over the event whose rows have ended.
-    pub(super) fn flush(&mut self, output: &mut Output<'_, '_>) -> Result<(), FormatError> {
-        let Some(current) = self.current.take() else { return Ok(()) };
-        output.put(current.draft, Origin::Row(current.first_row))?;
-        if !current.id.is_empty() {
-            self.ended.insert(digest(&current.id));
-        }
-        Ok(())
+    fn end(mut self: Box<Self>, output: &mut Output<'_, '_>) -> Result<Option<Extraction>, FormatError> {
+        self.flush(output)?;
+        Ok(None)
     }
 }
 
@@ -232,7 +234,7 @@ fn digest(id: &str) -> [u8; 16] {
     *whole.first_chunk().expect("32 bytes")
 }
 
-fn text_of(cell: Cell<'_>) -> Cow<'_, str> {
+pub(super) fn text_of(cell: Cell<'_>) -> Cow<'_, str> {
     match cell {
         Cell::Missing => Cow::from(""),
         Cell::Text(text) => Cow::from(text),

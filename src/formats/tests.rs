@@ -4,6 +4,7 @@ mod bytes;
 pub(crate) mod encode;
 mod json;
 mod rows;
+mod scenes;
 mod tabular;
 
 use std::fs::File;
@@ -27,7 +28,7 @@ pub(crate) type DecodedBody = (Vec<RawEvent>, Vec<Rejection>);
 
 pub(crate) fn decode_file(file: File, kind: BodyKind, limits: &FormatLimits) -> Result<DecodedBody, FormatError> {
     let (mut events, mut rejections) = (Vec::new(), Vec::new());
-    decode(file, kind, limits, &mut |decoded| {
+    decode(file, kind, limits, &ExtractionSettings::default(), &mut |decoded| {
         match decoded {
             Ok(event) => events.push(event),
             Err(rejection) => rejections.push(rejection),

@@ -49,6 +49,7 @@ pub(super) async fn evaluate(
     let (format, encoding) = kind(http.headers())?;
     let (asked, options) = query(http.uri().query().unwrap_or_default())?;
     options.conversion().map_err(|e| option_problem(&e))?;
+    options.extraction(format, &app.ingest.extraction).map_err(|e| option_problem(&e))?;
     let (named, references) = asked.names(app.evaluator.settings.max_versions)?;
     let versions = to_drive(&app, &model, named).await?;
     let full = "as many evaluations as the server computes at once are under way";

@@ -5,8 +5,8 @@ use std::ops::ControlFlow;
 use tokio::sync::mpsc::{Receiver, Sender, channel};
 use tokio::task::JoinHandle;
 
-use super::{IngestError, IngestSettings, Upload};
-use crate::car_following::{CheckSettings, Conversion, Target};
+use super::{IngestError, IngestSettings, OptionError, Upload};
+use crate::car_following::{CheckSettings, Conversion, Extraction, ExtractionSettings, Target};
 use crate::formats::{BodyKind, FormatError, FormatLimits, RawEvent, decode};
 use crate::lineage::{ModelSettings, RegimeName, Rejection, Split};
 use crate::store::event::{NewEvent, STORED_AT_ONCE};
@@ -59,16 +59,34 @@ impl Arrivals {
 /// The thread that decodes, and what comes from it. Dropped, it stops soon.
 pub(super) struct Decoding {
     arrivals: Receiver<Arrivals>,
-    thread: Option<JoinHandle<Result<(), FormatError>>>,
+    thread: Option<JoinHandle<Result<Option<Extraction>, FormatError>>>,
+    /// What became of the rows of a whole road, once the body has ended.
+    pub(super) extraction: Option<Extraction>,
+}
+
+/// What is looked at while a body is decoded.
+struct Rules {
+    conversion: Conversion,
+    extraction: ExtractionSettings,
+    limits: FormatLimits,
+    checks: CheckSettings,
 }
 
 impl Decoding {
     /// Begins to decode and check the body.
-    pub(super) fn start(upload: Upload, conversion: Conversion, settings: &IngestSettings) -> Self {
+    ///
+    /// # Errors
+    /// When an option cannot be used.
+    pub(super) fn start(upload: Upload, settings: &IngestSettings) -> Result<Self, OptionError> {
+        let rules = Rules {
+            conversion: upload.options.conversion()?,
+            extraction: upload.options.extraction(upload.format, &settings.extraction)?,
+            limits: settings.limits.clone(),
+            checks: settings.checks.clone(),
+        };
         let (sender, arrivals) = channel(IN_FLIGHT);
-        let (limits, checks) = (settings.limits.clone(), settings.checks.clone());
-        let thread = tokio::task::spawn_blocking(move || run(upload, conversion, &limits, &checks, &sender));
-        Self { arrivals, thread: Some(thread) }
+        let thread = tokio::task::spawn_blocking(move || run(upload, &rules, &sender));
+        Ok(Self { arrivals, thread: Some(thread), extraction: None })
     }
 
     /// The next arrivals; none when the body ended as it should.
@@ -77,20 +95,15 @@ impl Decoding {
             return Ok(Some(arrivals));
         }
         if let Some(thread) = self.thread.take() {
-            thread.await.map_err(|_| IngestError::Panicked)??;
+            self.extraction = thread.await.map_err(|_| IngestError::Panicked)??;
         }
         Ok(None)
     }
 }
 
 /// Decodes and checks `upload`'s body into `sender`, until its end or until nobody listens.
-fn run(
-    upload: Upload,
-    conversion: Conversion,
-    limits: &FormatLimits,
-    checks: &CheckSettings,
-    sender: &Sender<Arrivals>,
-) -> Result<(), FormatError> {
+fn run(upload: Upload, rules: &Rules, sender: &Sender<Arrivals>) -> Result<Option<Extraction>, FormatError> {
+    let Rules { conversion, extraction, limits, checks } = rules;
     let kind = BodyKind { format: upload.format, encoding: upload.encoding, preset: upload.options.preset };
     let model = &upload.model;
     // A window, a step to predict and one to compare with.
@@ -98,10 +111,10 @@ fn run(
     let target = Target { dt_s: model.dt_s, min_steps, max_steps };
     let (source, regime) = (upload.options.source.as_deref(), upload.options.regime.as_ref());
     let mut arrivals = Arrivals::default();
-    decode(upload.body.file, kind, limits, &mut |decoded| {
+    let extracted = decode(upload.body.file, kind, limits, extraction, &mut |decoded| {
         match decoded {
             Err(rejection) => arrivals.reject(rejection),
-            Ok(raw) => match checks.check(&raw.recording, &conversion, &target) {
+            Ok(raw) => match checks.check(&raw.recording, conversion, &target) {
                 Err(defects) => {
                     arrivals.note(raw.source.as_deref().or(source), false);
                     arrivals.reject(raw.reject(defects));
@@ -119,7 +132,7 @@ fn run(
     })?;
     // Nobody who listens is nobody who minds.
     let _ = sender.blocking_send(arrivals);
-    Ok(())
+    Ok(extracted)
 }
 
 fn arriving(

@@ -30,9 +30,8 @@ pub struct Examined {
 /// # Errors
 /// When the body as a whole or an option cannot be used, or the events have more steps.
 pub async fn examine(upload: Upload, settings: &IngestSettings, max_steps: u64) -> Result<Examined, IngestError> {
-    let conversion = upload.options.conversion()?;
     let (model_dt_s, mut steps) = (upload.model.dt_s, 0);
-    let mut decoding = Decoding::start(upload, conversion, settings);
+    let mut decoding = Decoding::start(upload, settings)?;
     let (mut events, mut summary) = (BTreeMap::new(), Summary::default());
     let (mut duplicates, mut rejected_count, mut rejected) = (0, 0, Vec::new());
     while let Some(arrivals) = decoding.next().await? {
@@ -52,5 +51,6 @@ pub async fn examine(upload: Upload, settings: &IngestSettings, max_steps: u64) 
         let room = settings.max_listed_rejections as usize - rejected.len();
         rejected.extend(arrivals.rejected.into_iter().take(room));
     }
+    summary.extraction = decoding.extraction.take();
     Ok(Examined { events: events.into_values().collect(), duplicates, rejected_count, rejected, summary })
 }

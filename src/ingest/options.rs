@@ -2,8 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::car_following::{Conversion, SpacingDefinition};
-use crate::formats::Preset;
+use crate::car_following::{Conversion, ExtractionSettings, ExtractionSettingsError, SpacingDefinition};
+use crate::formats::{Format, Preset};
 use crate::lineage::RegimeName;
 
 /// What the recorded spacing is measured between.
@@ -37,6 +37,14 @@ pub struct UploadOptions {
     pub source: Option<String>,
     /// The upload's regime.
     pub regime: Option<RegimeName>,
+    /// Of a whole road: shortest event, s, instead of the server's setting.
+    pub min_duration_s: Option<f64>,
+    /// Longest event, s.
+    pub max_duration_s: Option<f64>,
+    /// Least net spacing, m.
+    pub min_spacing_m: Option<f64>,
+    /// Largest net spacing, m.
+    pub max_spacing_m: Option<f64>,
 }
 
 /// An option that cannot be used.
@@ -45,7 +53,7 @@ pub struct UploadOptions {
 pub struct OptionError {
     /// Its name in the query.
     pub name: &'static str,
-    /// `missing_option` or `invalid_option`.
+    /// `missing_option`, `invalid_option` or `option_not_applicable`.
     pub code: &'static str,
     /// What would be right.
     pub detail: String,
@@ -79,6 +87,42 @@ impl UploadOptions {
         };
         Ok(Conversion { dt_s: self.dt_s, spacing })
     }
+
+    /// By which criteria events are extracted, where the body is a recording of a whole road.
+    ///
+    /// # Errors
+    /// When a criterion is out of range, or an option says what such a body, or any other, says itself or does not need.
+    pub fn extraction(&self, format: Format, settings: &ExtractionSettings) -> Result<ExtractionSettings, OptionError> {
+        let of_road = self.preset.is_of_road(format);
+        let (needless, why) = if of_road {
+            let others = [
+                ("dt_s", self.dt_s.is_some()),
+                ("spacing", self.spacing != SpacingKind::Net),
+                ("leader_length_m", self.leader_length_m.is_some()),
+                ("follower_length_m", self.follower_length_m.is_some()),
+            ];
+            (others, "a recording of a whole road says its step, and gives net spacings")
+        } else {
+            let others = [
+                ("min_duration_s", self.min_duration_s.is_some()),
+                ("max_duration_s", self.max_duration_s.is_some()),
+                ("min_spacing_m", self.min_spacing_m.is_some()),
+                ("max_spacing_m", self.max_spacing_m.is_some()),
+            ];
+            (others, "events are extracted out of recordings of a whole road alone: preset ngsim or fcd, and XML")
+        };
+        if let Some((name, _)) = needless.into_iter().find(|(_, given)| *given) {
+            return Err(OptionError { name, code: "option_not_applicable", detail: why.to_owned() });
+        }
+        let extraction = ExtractionSettings {
+            min_duration_s: self.min_duration_s.unwrap_or(settings.min_duration_s),
+            max_duration_s: self.max_duration_s.unwrap_or(settings.max_duration_s),
+            min_spacing_m: self.min_spacing_m.unwrap_or(settings.min_spacing_m),
+            max_spacing_m: self.max_spacing_m.unwrap_or(settings.max_spacing_m),
+            max_rows: settings.max_rows,
+        };
+        extraction.checked().map_err(|error: ExtractionSettingsError| invalid(error.name, error.to_string()))
+    }
 }
 
 fn length(name: &'static str, length_m: Option<f64>) -> Result<Option<f64>, OptionError> {
@@ -105,6 +149,21 @@ fn invalid(name: &'static str, detail: String) -> OptionError {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn criteria_are_for_recordings_of_a_road_and_its_spacing_is_net() {
+        let settings = ExtractionSettings::default();
+        let shorter = UploadOptions { min_duration_s: Some(5.0), ..UploadOptions::default() };
+        assert_eq!(shorter.extraction(Format::Xml, &settings).unwrap().min_duration_s, 5.0);
+        assert_eq!(shorter.extraction(Format::Csv, &settings).unwrap_err().code, "option_not_applicable");
+        let ngsim = UploadOptions { preset: Preset::Ngsim, ..UploadOptions::default() };
+        assert_eq!(ngsim.extraction(Format::Csv, &settings).unwrap(), settings);
+        let front = UploadOptions { spacing: SpacingKind::Front, leader_length_m: Some(4.0), ..ngsim.clone() };
+        assert_eq!(front.extraction(Format::Csv, &settings).unwrap_err().name, "spacing");
+        let least = UploadOptions { min_spacing_m: Some(121.0), ..ngsim };
+        let error = least.extraction(Format::Csv, &settings).unwrap_err();
+        assert_eq!((error.name, error.code), ("min_spacing_m", "invalid_option"));
+    }
 
     #[test]
     fn spacing_needs_the_lengths_of_its_definition() {

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use serde::{Serialize, Serializer};
 
+use crate::car_following::Extraction;
 use crate::lineage::Rejection;
 use crate::store::event::NewEvent;
 
@@ -55,6 +56,9 @@ pub struct Summary {
     pub regimes: BTreeMap<String, u64>,
     /// Events a split.
     pub splits: BTreeMap<&'static str, u64>,
+    /// What became of the rows of a recording of a whole road.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub extraction: Option<Extraction>,
 }
 
 /// From the slowest to the fastest event.

@@ -31,7 +31,6 @@ pub async fn receive(
     upload: Upload,
     settings: &IngestSettings,
 ) -> Result<Received, IngestError> {
-    let conversion = upload.options.conversion()?;
     let now = upload.received_at;
     let new = NewBatch {
         model_id: upload.model_id,
@@ -42,7 +41,7 @@ pub async fn receive(
         body_bytes: upload.body.bytes,
         created_at: now,
     };
-    let mut decoding = Decoding::start(upload, conversion, settings);
+    let mut decoding = Decoding::start(upload, settings)?;
     // The database has one writer: an upload that fits into the buffer takes it only when everything is decoded.
     let (mut buffer, mut bytes, mut over) = (Vec::new(), 0, false);
     while !over && bytes < settings.buffer_bytes {
@@ -67,6 +66,7 @@ pub async fn receive(
             None => over = true,
         }
     }
+    writer.receipt.summary.extraction = decoding.extraction.take();
     let receipt = writer.end(&mut transaction).await?;
     Ok(Received { transaction, receipt })
 }

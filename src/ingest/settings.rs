@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use serde::{Deserialize, Serialize};
 
 use super::sources::SourceSettings;
-use crate::car_following::{CheckSettings, CheckSettingsError};
+use crate::car_following::{CheckSettings, CheckSettingsError, ExtractionSettings, ExtractionSettingsError};
 use crate::formats::{FormatLimits, FormatLimitsError};
 
 /// Rejections that the interface lets an answer list.
@@ -28,6 +28,8 @@ pub struct IngestSettings {
     pub limits: FormatLimits,
     /// Of an event's physics.
     pub checks: CheckSettings,
+    /// Of events out of recordings of a whole road.
+    pub extraction: ExtractionSettings,
     /// When a source is held.
     pub sources: SourceSettings,
 }
@@ -41,6 +43,7 @@ impl Default for IngestSettings {
             max_listed_rejections: MAX_LISTED,
             limits: FormatLimits::default(),
             checks: CheckSettings::default(),
+            extraction: ExtractionSettings::default(),
             sources: SourceSettings::default(),
         }
     }
@@ -55,6 +58,9 @@ pub enum IngestSettingsError {
     /// Of the checks.
     #[error("checks.{0}")]
     Checks(#[from] CheckSettingsError),
+    /// Of extraction.
+    #[error("extraction.{0}")]
+    Extraction(#[from] ExtractionSettingsError),
     /// Of holding sources.
     #[error("sources.{0}: {1} is not within {2} to {3}")]
     Sources(&'static str, f64, f64, f64),
@@ -83,6 +89,11 @@ impl IngestSettings {
         {
             return Err(IngestSettingsError::Sources(name, value, *range.start(), *range.end()));
         }
-        Ok(Self { limits: self.limits.checked()?, checks: self.checks.checked()?, ..self })
+        Ok(Self {
+            limits: self.limits.checked()?,
+            checks: self.checks.checked()?,
+            extraction: self.extraction.checked()?,
+            ..self
+        })
     }
 }

@@ -2,6 +2,7 @@
 
 mod text;
 mod parquet;
+mod road;
 
 use std::io::Write;
 use std::path::Path;
@@ -42,6 +43,12 @@ fn all() -> Vec<Seed> {
     }
     for (name, body) in text::tables() {
         add("csv", name, body.into_bytes());
+    }
+    for (name, body) in road::tables() {
+        add("csv", name, body.into_bytes());
+    }
+    for (name, body) in road::documents() {
+        add("fcd", name, body.into_bytes());
     }
     for (name, body) in parquet::files() {
         add("parquet", &name, body);

@@ -163,6 +163,47 @@ async fn a_malformed_line_or_row_is_named() {
 }
 
 #[tokio::test]
+async fn a_recording_of_a_road_becomes_events_and_says_what_was_dropped() {
+    let server = Server::start().await;
+    let (ngsim, xml, csv): (&[u8], &[u8], &[u8]) = (
+        include_bytes!("../golden/scenes/ngsim.csv.gz"),
+        include_bytes!("../golden/scenes/fcd.xml.gz"),
+        include_bytes!("../golden/scenes/fcd.csv.gz"),
+    );
+    let send = async |options: &str, kind: &str, body: &[u8], status| {
+        send(&server, options, kind, Some("gzip"), body.to_vec()).await.expect(status)
+    };
+    let answer = send("?preset=ngsim&regime=slow", "text/csv", ngsim, 201).await;
+    assert_eq!((&answer["accepted"], &answer["rejected_count"]), (&json!(7), &json!(0)), "{}", answer.text);
+    let extraction = &answer["summary"]["extraction"];
+    assert_eq!(
+        (&extraction["rows"], &extraction["events"], &extraction["vehicles"]),
+        (&json!(2268), &json!(7), &json!(9))
+    );
+    let dropped: u64 = extraction["dropped_steps"].as_object().unwrap().values().map(|n| n.as_u64().unwrap()).sum();
+    assert_eq!(dropped + answer["summary"]["steps"].as_u64().unwrap(), 2268);
+    let kept = server.get(&format!("{PATH}/{}", answer["batch_id"].as_str().unwrap())).await.expect(200);
+    assert_eq!(&kept["summary"]["extraction"], extraction);
+    let answer = send("", "text/xml", xml, 201).await;
+    assert_eq!((&answer["accepted"], &answer["summary"]["extraction"]["events"]), (&json!(6), &json!(6)));
+    let answer = send("?preset=fcd", "text/csv", csv, 201).await;
+    assert_eq!((&answer["accepted"], &answer["duplicates"]), (&json!(0), &json!(6)));
+    let answer = send("?preset=fcd&min_duration_s=5&max_duration_s=20", "application/xml", xml, 201).await;
+    assert!(answer["accepted"].as_u64() > Some(10), "{}", answer.text);
+    assert!(answer["summary"]["extraction"]["cut"]["too_long"].as_u64() > Some(0), "{}", answer.text);
+    for (options, kind) in [
+        ("?min_duration_s=5", "text/csv"),
+        ("?preset=ngsim&spacing=front&leader_length_m=4", "text/csv"),
+        ("?dt_s=0.1", "application/xml"),
+        ("?min_duration_s=61", "application/xml"),
+        ("?max_spacing_m=-1", "application/xml"),
+    ] {
+        send(options, kind, ngsim, 422).await;
+    }
+    server.stop().await;
+}
+
+#[tokio::test]
 async fn a_body_that_is_cut_or_broken_stores_nothing() {
     let server = Server::start().await;
     let events = events("e", 4, 10.0);
@@ -177,6 +218,9 @@ async fn a_body_that_is_cut_or_broken_stores_nothing() {
         ("application/json", None, br#"{"events": 3}"#.to_vec(), 422),
         ("application/json", None, br#"{"events": [], "colour": 1}"#.to_vec(), 422),
         ("application/x-npy", None, vec![], 501),
+        ("application/xml", None, b"<fcd-export><timestep time='0'>".to_vec(), 400),
+        ("application/xml", None, b"<!DOCTYPE a><fcd-export/>".to_vec(), 400),
+        ("application/xml", None, b"<tripinfos/>".to_vec(), 422),
         ("image/png", None, vec![], 415),
         ("application/json", Some("br"), json.clone(), 415),
     ] {

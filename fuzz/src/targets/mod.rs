@@ -28,11 +28,12 @@ const fn target(name: &'static str, run: fn(&[u8])) -> Target {
 }
 
 /// Every target.
-pub const ALL: [Target; 10] = [
+pub const ALL: [Target; 11] = [
     target("json", uploads::json),
     target("ndjson", uploads::ndjson),
     target("csv", uploads::csv),
     target("parquet", uploads::parquet),
+    target("fcd", uploads::fcd),
     target("encodings", encodings::run),
     target("predict", predict::run),
     target("bodies", bodies::run),

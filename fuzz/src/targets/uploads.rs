@@ -4,7 +4,7 @@ use std::fs::File;
 use std::io::{Seek, SeekFrom, Write};
 use std::ops::ControlFlow;
 
-use headway::car_following::{CheckSettings, Conversion, Event, Target};
+use headway::car_following::{CheckSettings, Conversion, Event, Extraction, ExtractionSettings, Target};
 use headway::formats::{BodyKind, Encoding, Format, FormatError, FormatLimits, Preset, RawEvent, decode};
 use headway::lineage::Rejection;
 use serde_json::{Value, json};
@@ -18,6 +18,15 @@ pub(super) const LIMITS: FormatLimits = FormatLimits {
     max_steps: 200,
     max_events: 100,
     max_text_bytes: 64,
+};
+
+/// Small too: three steps of 0.1 s are an event.
+const EXTRACTION: ExtractionSettings = ExtractionSettings {
+    min_duration_s: 0.3,
+    max_duration_s: 2.0,
+    min_spacing_m: 0.5,
+    max_spacing_m: 120.0,
+    max_rows: 2000,
 };
 
 /// Most that reading text may hold: a few buffers, one event and those that were read.
@@ -43,11 +52,17 @@ pub(super) fn parquet(data: &[u8]) {
     one_way(data, Format::Parquet);
 }
 
+pub(super) fn fcd(data: &[u8]) {
+    one_way(data, Format::Xml);
+}
+
 /// A body in one format and, where that can say the same, what it says in all the others.
 fn one_way(data: &[u8], format: Format) {
-    // Tabular bodies under both presets: the first byte of neither format is a zero.
-    let (preset, data) = match data.strip_prefix(b"\0") {
-        Some(rest) if matches!(format, Format::Csv | Format::Parquet) => (Preset::Follownet, rest),
+    // Tabular bodies under every preset: the first byte of neither format is so small.
+    let (preset, data) = match (data, format) {
+        ([0, rest @ ..], Format::Csv | Format::Parquet) => (Preset::Follownet, rest),
+        ([1, rest @ ..], Format::Csv | Format::Parquet) => (Preset::Ngsim, rest),
+        ([2, rest @ ..], Format::Csv) => (Preset::Fcd, rest),
         _ => (Preset::Headway, data),
     };
     let Ok(decoded) = read(data, BodyKind { format, encoding: Encoding::Identity, preset }) else { return };
@@ -71,7 +86,7 @@ pub(super) fn read(body: &[u8], kind: BodyKind) -> Result<Decoded, FormatError> 
     let mut decoded = Vec::new();
     let most = if kind.format == Format::Parquet { PARQUET_BYTES } else { TEXT_BYTES };
     let end = super::within(most, || {
-        decode(file, kind, &LIMITS, &mut |event| {
+        decode(file, kind, &LIMITS, &EXTRACTION, &mut |event| {
             decoded.push(event);
             ControlFlow::Continue(())
         })
@@ -93,7 +108,31 @@ pub(super) fn read(body: &[u8], kind: BodyKind) -> Result<Decoded, FormatError> 
             }
         }
     }
-    end.map(|()| decoded)
+    let counts = end?;
+    assert_eq!(counts.is_some(), kind.preset.is_of_road(kind.format));
+    if let Some(counts) = counts {
+        extracted(&decoded, &counts);
+    }
+    Ok(decoded)
+}
+
+/// Every row is accounted for, and every event keeps the criteria.
+fn extracted(decoded: &Decoded, counts: &Extraction) {
+    assert_eq!(counts.events, decoded.len() as u64);
+    assert_eq!(counts.cut.values().sum::<u64>(), counts.segments);
+    let dropped: u64 = counts.dropped_steps.values().sum();
+    let whole = decoded.iter().all(Result::is_ok);
+    let steps: usize = decoded.iter().flatten().map(|event| event.recording.spacing_m.len()).sum();
+    assert!(!whole || counts.rows == dropped + steps as u64, "{counts:?}, {steps} steps");
+    for event in decoded.iter().flatten() {
+        let recording = &event.recording;
+        let within = EXTRACTION.min_spacing_m..=EXTRACTION.max_spacing_m;
+        assert!(recording.spacing_m.iter().all(|spacing| within.contains(spacing)), "{event:?}");
+        let dt_s = recording.dt_s.expect("an event has a step");
+        let duration_s = recording.spacing_m.len() as f64 * dt_s;
+        assert!(duration_s > EXTRACTION.min_duration_s - 1e-9, "{event:?}");
+        assert!(duration_s < EXTRACTION.max_duration_s.max(2.0 * dt_s) + 1e-9, "{event:?}");
+    }
 }
 
 thread_local! {

@@ -144,9 +144,9 @@ fn a_zstd_frame_whose_window_is_larger_than_the_limit_is_refused() {
 }
 
 #[test]
-fn the_follownet_preset_is_for_tables() {
+fn presets_that_name_columns_are_for_tables() {
     let error = decode_file(file(b""), kind(Format::Json, Preset::Follownet), &FormatLimits::default()).unwrap_err();
     assert_eq!(error.code(), "preset_not_applicable");
-    let error = decode_file(file(b""), kind(Format::Csv, Preset::Ngsim), &FormatLimits::default()).unwrap_err();
-    assert_eq!(error.code(), "not_available");
+    let error = decode_file(file(b""), kind(Format::Ndjson, Preset::Ngsim), &FormatLimits::default()).unwrap_err();
+    assert_eq!(error.code(), "preset_not_applicable");
 }
