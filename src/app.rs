@@ -98,6 +98,7 @@ async fn assemble(
         prediction_slots: slots(config.server.concurrent_predictions),
         evaluation_slots: slots(config.server.concurrent_evaluations),
         evaluator: evaluator(config.evaluate, niceness)?,
+        artifact_slots: slots(config.server.concurrent_artifacts),
         stream_slots: slots(config.server.concurrent_streams),
         backup: config.backup,
         backup_slot: slots(1),

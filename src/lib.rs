@@ -25,6 +25,8 @@ pub mod lineage;
 pub mod access;
 /// The paper's experiment: tasks, sides, measures, intervals. Pure.
 pub mod protocol;
+/// Versions as files: safetensors and ONNX. Pure.
+pub mod artifact;
 /// JSON, NDJSON, CSV, Parquet bodies into raw events.
 pub mod formats;
 /// The only home of SQL: one file per resource.

@@ -4,6 +4,8 @@
 mod absent;
 /// Answers that can be kept and sent again.
 mod answer;
+/// Versions as files.
+mod artifact;
 /// `/v1/audit`.
 mod audit;
 /// Copies of the database.
@@ -155,6 +157,8 @@ pub struct AppState {
     pub evaluator: Arc<Evaluator>,
     /// Evaluations at once.
     pub evaluation_slots: Arc<Semaphore>,
+    /// Versions handed out and taken in as files at once.
+    pub artifact_slots: Arc<Semaphore>,
     /// Open progress streams.
     pub stream_slots: Arc<Semaphore>,
     /// Which requests that the gate refuses are logged.
@@ -198,7 +202,7 @@ fn routes() -> Vec<Route> {
         at("/v1/models/{model}/versions").get(AnyKey, versions::list).post(May(Train), absent::import),
         at("/v1/models/{model}/versions/{version}").get(AnyKey, versions::read).patch(May(Train), versions::annotate),
         at("/v1/models/{model}/versions/{version}/evaluation").get(AnyKey, versions::evaluation),
-        at("/v1/models/{model}/versions/{version}/artifact").get(AnyKey, absent::artifact),
+        at("/v1/models/{model}/versions/{version}/artifact").get(AnyKey, artifact::download),
         at("/v1/models/{model}/evaluate").post(May(Predict), evaluate::evaluate),
         at("/v1/models/{model}/promote").post(May(Train), serving::promote),
         at("/v1/models/{model}/rollback").post(May(Train), serving::rollback),

@@ -43,6 +43,8 @@ pub struct ServerSettings {
     pub concurrent_predictions: usize,
     /// Evaluations on events that are not kept, computed at once.
     pub concurrent_evaluations: usize,
+    /// Versions handed out and taken in as files at once.
+    pub concurrent_artifacts: usize,
     /// Progress streams open at once.
     pub concurrent_streams: usize,
     /// Least time between two progress events of a stream, s.
@@ -111,6 +113,7 @@ impl ServerSettings {
             ("concurrent_uploads", self.concurrent_uploads as f64, 1.0..=10_000.0),
             ("concurrent_predictions", self.concurrent_predictions as f64, 1.0..=10_000.0),
             ("concurrent_evaluations", self.concurrent_evaluations as f64, 1.0..=10_000.0),
+            ("concurrent_artifacts", self.concurrent_artifacts as f64, 1.0..=10_000.0),
             ("concurrent_streams", self.concurrent_streams as f64, 1.0..=100_000.0),
             ("progress_interval_s", self.progress_interval_s, 0.01..=3600.0),
             ("predict_windows_max", self.predict_windows_max as f64, 1.0..=1e7),

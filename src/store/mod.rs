@@ -29,6 +29,7 @@ pub mod history;
 pub mod idempotency;
 /// Keys: making, listing, revoking.
 pub mod keys;
+mod kept;
 mod ledger;
 mod line;
 /// Promote and rollback.

@@ -9,6 +9,8 @@ mod support;
 mod accepted;
 /// What is asked with which key.
 mod access;
+/// Versions as files.
+mod artifact;
 /// Who changed what.
 mod audit;
 /// Copies of the database.

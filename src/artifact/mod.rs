@@ -1,0 +1,13 @@
+//! Versions as files: safetensors, from which learning goes on elsewhere, and ONNX, which only drives. Pure.
+//!
+//! `docs/artifacts.md` has every name, shape and key of both.
+
+mod layers;
+mod onnx;
+mod record;
+mod safetensors;
+
+pub use layers::{Layer, layers};
+pub use onnx::{OnnxNames, onnx};
+pub use record::{FORMAT, Record, RememberedRegime};
+pub use safetensors::{Header, header, weights_data};

@@ -1,0 +1,222 @@
+//! `/v1/models/{model}/versions/{version}/artifact`: a version as a file.
+
+use std::collections::VecDeque;
+use std::sync::Arc;
+
+use axum::body::Body;
+use axum::extract::State;
+use axum::http::header::{
+    CONTENT_DISPOSITION, CONTENT_LENGTH, CONTENT_TYPE, ETAG, HeaderMap, HeaderValue, IF_NONE_MATCH,
+};
+use axum::http::{Response as HttpResponse, StatusCode};
+use axum::response::{IntoResponse, Response};
+use bytes::Bytes;
+use futures_util::stream;
+use serde::Deserialize;
+use sha2::{Digest, Sha256};
+use tokio::sync::OwnedSemaphorePermit;
+
+use super::AppState;
+use super::path::{ModelAt, VersionAt};
+use super::problem::{Code, InputError, Problem};
+use super::query::Query;
+use super::versions;
+use crate::artifact::{OnnxNames, Record, RememberedRegime, header, onnx, weights_data};
+use crate::driver::Scaling;
+use crate::lineage::{Model, Version};
+use crate::store::{Store, StoreError};
+
+/// Bytes handed on at once.
+const PIECE_BYTES: usize = 256 << 10;
+
+/// The query of a download.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Wanted {
+    format: Option<String>,
+}
+
+#[derive(Debug, Clone, Copy)]
+enum Format {
+    Safetensors,
+    Onnx,
+}
+
+impl Wanted {
+    fn format(&self) -> Result<Format, Problem> {
+        match self.format.as_deref() {
+            Some("safetensors") => Ok(Format::Safetensors),
+            Some("onnx") => Ok(Format::Onnx),
+            other => {
+                let (code, given) = other.map_or(("missing", "nothing"), |given| ("invalid_value", given));
+                let detail = format!("safetensors or onnx, not {given:.64}");
+                let error = InputError::parameter("format", code, detail);
+                Err(Code::InvalidQuery.because("format is to be safetensors or onnx").with_error(error))
+            }
+        }
+    }
+}
+
+/// `GET /v1/models/{model}/versions/{version}/artifact`
+pub(super) async fn download(
+    State(app): State<Arc<AppState>>,
+    ModelAt(model): ModelAt,
+    VersionAt(number): VersionAt,
+    headers: HeaderMap,
+    Query(wanted): Query<Wanted>,
+) -> Result<Response, Problem> {
+    let format = wanted.format()?;
+    let full = "as many versions as the server hands out or takes in at once are under way";
+    let slot = Arc::clone(&app.artifact_slots).try_acquire_owned();
+    let slot = slot.map_err(|_| Problem::busy(Code::Busy, full))?;
+    let version = versions::find(&app, &model, number).await?;
+    let weights = weights(&app, &model, &version).await?;
+    let file = match format {
+        Format::Onnx => whole(onnx_file(&model, &version, &weights)?),
+        Format::Safetensors => safetensors_file(&app, &model, &version, &weights).await?,
+    };
+    let suffix = if matches!(format, Format::Onnx) { "onnx" } else { "safetensors" };
+    let name = format!("{}-v{}.{suffix}", model.name, version.version);
+    Ok(answer(file, &name, &headers, Arc::clone(&app), slot))
+}
+
+/// The version's weights, where there are any and they are what was written.
+async fn weights(app: &AppState, model: &Model, version: &Version) -> Result<Vec<f32>, Problem> {
+    let pruned = || Code::VersionPruned.because(format!("the weights of version {} were not kept", version.version));
+    if version.pruned {
+        return Err(pruned());
+    }
+    if let Some(detail) = &version.corrupt {
+        return Err(Code::Corrupt.because(detail.clone()));
+    }
+    match app.store.weights(model.model_id, version.version).await {
+        Ok(weights) if weights.len() == version.settings.shape().layout().len() => Ok(weights),
+        Ok(_) => Err(Problem::internal("a version with the weights of another network")),
+        Err(error @ StoreError::Corrupt { .. }) => Err(error.into()),
+        // Its weights may have gone meanwhile.
+        Err(error) => match versions::find(app, model, version.version).await? {
+            now if now.pruned => Err(pruned()),
+            _ => Err(error.into()),
+        },
+    }
+}
+
+/// A file that is to be sent.
+struct File {
+    tag: [u8; 32],
+    bytes: u64,
+    /// What is there already.
+    pieces: VecDeque<Bytes>,
+    /// Anchors that follow, each its importance and its weights, read when it is their turn.
+    anchors: VecDeque<i64>,
+}
+
+fn whole(bytes: Vec<u8>) -> File {
+    let tag = Sha256::digest(&bytes).into();
+    File { tag, bytes: bytes.len() as u64, pieces: [bytes.into()].into(), anchors: VecDeque::new() }
+}
+
+fn onnx_file(model: &Model, version: &Version, weights: &[f32]) -> Result<Vec<u8>, Problem> {
+    let scaling: Scaling = serde_json::from_value(version.scaling.clone()).map_err(Problem::internal)?;
+    let names =
+        OnnxNames { model: model.name.as_str(), version: version.version, weights_sha256: &version.weights_sha256 };
+    Ok(onnx(version.settings.shape(), &scaling, weights, &names))
+}
+
+/// Looks at everything that will be sent before the first byte is; the header has the digest of all of it.
+async fn safetensors_file(app: &AppState, model: &Model, version: &Version, weights: &[f32]) -> Result<File, Problem> {
+    let mut anchors = VecDeque::new();
+    let mut regimes = Vec::new();
+    for regime in app.store.line_regimes(model.model_id, version.version).await? {
+        let mut remembered = RememberedRegime {
+            regime: regime.evaluation.regime,
+            stage: regime.evaluation.learned_stage,
+            samples: None,
+            anchor_sha256: None,
+        };
+        if let Some(anchor_id) = regime.anchor_id {
+            let kept = app.store.kept_anchor(anchor_id).await?;
+            remembered.samples = Some(kept.samples);
+            remembered.anchor_sha256 = Some(hex::encode(kept.sha256));
+            anchors.push_back(anchor_id);
+        }
+        regimes.push(remembered);
+    }
+    let layout = version.settings.shape().layout();
+    let header = header(&record(model, version, regimes), layout);
+    Ok(File {
+        tag: Sha256::digest(&header.bytes).into(),
+        bytes: header.file_bytes,
+        pieces: [header.bytes.into(), weights_data(layout, weights).into()].into(),
+        anchors,
+    })
+}
+
+fn record(model: &Model, version: &Version, regimes: Vec<RememberedRegime>) -> Record {
+    Record {
+        model: model.name.clone(),
+        version: version.version,
+        method: version.method,
+        stage: version.stage,
+        regime: version.regime.clone(),
+        regimes,
+        settings: version.settings.clone(),
+        strength: version.strength,
+        lambda: version.lambda,
+        kernel: version.kernel.clone(),
+        train_events: version.train_events,
+        events_sha256: version.events_sha256.clone(),
+        scaling: version.scaling.clone(),
+        weights_sha256: version.weights_sha256.clone(),
+        tainted: version.tainted,
+    }
+}
+
+fn answer(file: File, name: &str, headers: &HeaderMap, app: Arc<AppState>, slot: OwnedSemaphorePermit) -> Response {
+    let tag = HeaderValue::try_from(format!("\"{}\"", hex::encode(file.tag))).expect("digits");
+    if is_known(headers, &tag) {
+        return (StatusCode::NOT_MODIFIED, [(ETAG, tag)]).into_response();
+    }
+    let disposition = format!("attachment; filename=\"{name}\"");
+    let length = file.bytes;
+    let mut response = HttpResponse::new(body(file, app, slot));
+    let told = response.headers_mut();
+    told.insert(CONTENT_TYPE, HeaderValue::from_static("application/octet-stream"));
+    told.insert(CONTENT_LENGTH, length.into());
+    told.insert(CONTENT_DISPOSITION, HeaderValue::try_from(disposition).expect("names are letters and digits"));
+    told.insert(ETAG, tag);
+    response
+}
+
+/// Whether the client has the file with this tag already.
+fn is_known(headers: &HeaderMap, tag: &HeaderValue) -> bool {
+    let given = headers.get_all(IF_NONE_MATCH).iter().filter_map(|value| value.to_str().ok());
+    given.flat_map(|value| value.split(',')).any(|known| {
+        let known = known.trim();
+        known == "*" || known.trim_start_matches("W/").as_bytes() == tag.as_bytes()
+    })
+}
+
+/// The file in pieces; nobody else gets the slot until it is sent or given up.
+fn body(file: File, app: Arc<AppState>, slot: OwnedSemaphorePermit) -> Body {
+    let unsent = (file, app, slot);
+    Body::from_stream(stream::try_unfold(unsent, |(mut file, app, slot)| async move {
+        Ok::<_, StoreError>(file.next(&app.store).await?.map(|piece| (piece, (file, app, slot))))
+    }))
+}
+
+impl File {
+    async fn next(&mut self, store: &Store) -> Result<Option<Bytes>, StoreError> {
+        if self.pieces.is_empty()
+            && let Some(anchor_id) = self.anchors.pop_front()
+        {
+            let kept = store.kept_anchor(anchor_id).await?;
+            self.pieces.extend([kept.importance.into(), kept.anchor.into()]);
+        }
+        let Some(mut piece) = self.pieces.pop_front() else { return Ok(None) };
+        if piece.len() > PIECE_BYTES {
+            self.pieces.push_front(piece.split_off(PIECE_BYTES));
+        }
+        Ok(Some(piece))
+    }
+}
