@@ -25,10 +25,10 @@ pub mod lineage;
 pub mod access;
 /// The paper's experiment: tasks, sides, measures, intervals. Pure.
 pub mod protocol;
-/// Versions as files: safetensors and ONNX. Pure.
-pub mod artifact;
 /// JSON, NDJSON, CSV, Parquet bodies into raw events.
 pub mod formats;
+/// Versions as files: safetensors and ONNX. Pure.
+pub mod artifact;
 /// The only home of SQL: one file per resource.
 pub mod store;
 /// An upload's way from a body to stored events.
