@@ -98,7 +98,14 @@ pub async fn succeeded(
     if let Some(overtaken) = overtaken(&task, &before, outcome)? {
         return Ok(Err(overtaken));
     }
-    let version = insert_version(transaction, &task, outcome, now).await?;
+    let place = Place {
+        model_id,
+        task_id: Some(task_id),
+        parent: task.try_get("parent_version")?,
+        stage: task.try_get("stage")?,
+        regime: task.try_get("regime")?,
+    };
+    let version = insert_version(transaction, &place, outcome, now).await?;
     insert_regimes(transaction, model_id, version, outcome).await?;
     seal::seal(transaction).await?;
     taint::inherit(transaction, model_id, version, now).await?;
@@ -138,13 +145,25 @@ fn overtaken(task: &SqliteRow, before: &Pointers, outcome: &Outcome) -> Result<O
     Ok((outcome.judged_against != before.live).then_some(Overtaken::LiveMoved))
 }
 
-async fn insert_version(
+/// Where a new version stands.
+pub(super) struct Place<'a> {
+    pub(super) model_id: i64,
+    /// The task that made it.
+    pub(super) task_id: Option<i64>,
+    pub(super) parent: Option<i64>,
+    pub(super) stage: i64,
+    /// The regime that its stage learned.
+    pub(super) regime: &'a str,
+}
+
+/// Writes a version's row and its weights; gives its number.
+pub(super) async fn insert_version(
     transaction: &mut WriteTransaction,
-    task: &SqliteRow,
+    place: &Place<'_>,
     outcome: &Outcome,
     now: Timestamp,
 ) -> Result<i64, StoreError> {
-    let model_id: i64 = task.try_get("model_id")?;
+    let model_id = place.model_id;
     let weights = stored_floats(&outcome.weights);
     let row = query(
         "insert into version (model_id, version, task_id, parent, stage, regime, method, settings, seed, strength,
@@ -155,10 +174,10 @@ async fn insert_version(
          returning version",
     )
     .bind(model_id)
-    .bind(task.try_get::<i64, _>("task_id")?)
-    .bind(task.try_get::<Option<i64>, _>("parent_version")?)
-    .bind(task.try_get::<i64, _>("stage")?)
-    .bind(task.try_get::<&str, _>("regime")?)
+    .bind(place.task_id)
+    .bind(place.parent)
+    .bind(place.stage)
+    .bind(place.regime)
     .bind(outcome.method.as_str())
     .bind(plain(&outcome.settings))
     .bind(outcome.settings.seed.cast_signed())
@@ -203,13 +222,34 @@ async fn insert_regimes(
         Some(memory) => Some(insert_anchor(transaction, model_id, memory).await?),
         None => None,
     };
+    let reservoir_id = insert_reservoir(transaction, model_id, &outcome.reservoir).await?;
+    insert_evaluations(transaction, model_id, version, &outcome.regimes, (anchor_id, reservoir_id)).await
+}
+
+/// Writes the test events of a regime; gives their id.
+pub(super) async fn insert_reservoir(
+    transaction: &mut WriteTransaction,
+    model_id: i64,
+    events: &[i64],
+) -> Result<i64, StoreError> {
     let row = query("insert into reservoir (model_id, event_ids) values (?, ?) returning reservoir_id")
         .bind(model_id)
-        .bind(stored_integers(&outcome.reservoir))
+        .bind(stored_integers(events))
         .fetch_one(&mut **transaction)
         .await?;
-    let reservoir_id: i64 = row.try_get("reservoir_id")?;
-    for (position, regime) in (0_i64..).zip(&outcome.regimes) {
+    Ok(row.try_get("reservoir_id")?)
+}
+
+/// Writes how a version drives in every regime of its line. Those that share no anchor and reservoir have `own`.
+pub(super) async fn insert_evaluations(
+    transaction: &mut WriteTransaction,
+    model_id: i64,
+    version: i64,
+    regimes: &[OutcomeRegime],
+    own: (Option<i64>, i64),
+) -> Result<(), StoreError> {
+    let (anchor_id, reservoir_id) = own;
+    for (position, regime) in (0_i64..).zip(regimes) {
         let (anchor_id, reservoir_id, learned_version) = match regime.shared {
             Some((anchor_id, reservoir_id)) => (anchor_id, reservoir_id, regime.evaluation.learned_version),
             None => (anchor_id, reservoir_id, version),
@@ -251,7 +291,8 @@ async fn insert_regimes(
     Ok(())
 }
 
-async fn insert_anchor(
+/// Writes what is kept of a regime; gives its id.
+pub(super) async fn insert_anchor(
     transaction: &mut WriteTransaction,
     model_id: i64,
     memory: &RegimeMemory,
