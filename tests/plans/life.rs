@@ -116,6 +116,7 @@ async fn move_about(server: &Server) {
     let evaluated = "/v1/models/ewc/evaluate?versions=1&references=idm&regime=fast";
     server.post(evaluated, &json!({"events": events("g", 4, 12.0)})).await.expect(200);
     server.post("/v1/models/ewc/predict", &json!({"version": 1, "windows": [window(5, 11.0)]})).await.expect(200);
+    server.get("/v1/models/ewc/versions/2/artifact?format=safetensors").await.expect(200);
     for note in [json!("a note"), Value::Null] {
         let request = server.request(Method::PATCH, "/v1/models/ewc/versions/1").json(&json!({"note": note}));
         server.send(request).await.expect(200);
