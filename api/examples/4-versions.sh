@@ -13,3 +13,7 @@ curl -sS --fail-with-body "$url/v1/models/quick/versions/2/evaluation"
 # On events that are not kept, beside the version before it and drivers out of the literature.
 curl -sS --fail-with-body -X POST "$url/v1/models/quick/evaluate?versions=1,2&references=idm,gipps&regime=fast" \
   -H 'Content-Type: text/csv' --data-binary @fast.csv
+
+# As a file: a graph for ONNX Runtime, and everything that learning needs to go on elsewhere, for torch or another server.
+curl -sS --fail-with-body -o quick-v2.onnx "$url/v1/models/quick/versions/2/artifact?format=onnx"
+curl -sS --fail-with-body -o quick-v2.safetensors "$url/v1/models/quick/versions/2/artifact?format=safetensors"
