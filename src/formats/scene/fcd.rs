@@ -96,20 +96,24 @@ impl Fcd {
 
     /// The next time begins: vehicles without a row at the one before are gone.
     pub(super) fn time(&mut self, time_s: f64, row: u64, output: &mut Output<'_, '_>) -> Result<(), FormatError> {
-        let time_ms = (time_s * 1e3).round();
-        if time_s.abs() > MAX_TIME_S || time_ms as i64 <= self.time_ms {
+        if time_s.abs() > MAX_TIME_S {
+            return Err(flaw(row, "wrong_type", format!("{time_s} s is no time of a simulation")));
+        }
+        let time_ms = (time_s * 1e3).round() as i64;
+        if time_ms <= self.time_ms {
             let detail = format!("time {time_s} s comes after {} s; times must increase", self.time_ms as f64 / 1e3);
             return Err(flaw(row, "time_not_increasing", detail));
         }
         self.leave(|present, now| present.last != now, output)?;
-        self.time_ms = time_ms as i64;
+        self.time_ms = time_ms;
         self.times += 1;
         Ok(())
     }
 
     /// A vehicle at this time.
     pub(super) fn vehicle(&mut self, vehicle: &Vehicle<'_>, output: &mut Output<'_, '_>) -> Result<(), FormatError> {
-        self.note(vehicle)?;
+        let ahead = ahead(vehicle);
+        self.note(vehicle, matches!(ahead, Ahead::Leader { .. }))?;
         let Self { extractor, room, labels, present, .. } = self;
         if !present.contains_key(vehicle.id) {
             room.take(PRESENT_ROWS)?;
@@ -133,7 +137,7 @@ impl Fcd {
             time_ms: self.time_ms,
             follows: *last > 0 && same_label,
             speed_mps: vehicle.speed_mps,
-            ahead: ahead(vehicle),
+            ahead,
         };
         *last = self.times;
         let ended = extractor.see(follower, sighting);
@@ -142,8 +146,8 @@ impl Fcd {
         hand_over(ended, vehicle.id, labels.get(*label), output)
     }
 
-    /// Counts the vehicle, and the pair.
-    fn note(&mut self, vehicle: &Vehicle<'_>) -> Result<(), FormatError> {
+    /// Counts the vehicle, and the pair where it follows somebody.
+    fn note(&mut self, vehicle: &Vehicle<'_>, follows: bool) -> Result<(), FormatError> {
         for id in [vehicle.id, vehicle.leader_id] {
             if id.len() > self.max_text_bytes as usize {
                 let detail = format!("a vehicle's id has {} bytes, at most {} are kept", id.len(), self.max_text_bytes);
@@ -153,8 +157,7 @@ impl Fcd {
         if self.vehicles.insert(digest(vehicle.id)) {
             self.room.take(1)?;
         }
-        if matches!(ahead(vehicle), Ahead::Leader { .. }) && self.pairs.insert(digest((vehicle.id, vehicle.leader_id)))
-        {
+        if follows && self.pairs.insert(digest((vehicle.id, vehicle.leader_id))) {
             self.room.take(1)?;
         }
         Ok(())

@@ -2,7 +2,11 @@
 
 use std::fmt::Write as _;
 use std::io::Read;
+use std::sync::Arc;
 
+use ::parquet::data_type::{ByteArray, ByteArrayType, DoubleType, Int64Type};
+use ::parquet::file::writer::SerializedFileWriter;
+use ::parquet::schema::parser::parse_message_type;
 use serde_json::Value;
 
 use super::*;
@@ -115,6 +119,50 @@ fn rows_of_ngsim_may_come_in_any_order() {
         (events, counts)
     };
     assert!(untold(read(&text)) == untold(read(&backwards)));
+}
+
+/// The same table as Parquet: whole numbers, numbers and texts as such, in groups that part vehicles.
+fn as_parquet(csv: &str) -> Vec<u8> {
+    let mut lines = csv.lines().map(|line| line.split(',').collect::<Vec<_>>());
+    let names = lines.next().unwrap();
+    let rows: Vec<_> = lines.collect();
+    let kind = |name: &str| match name {
+        "Location" => "binary Location (utf8)".to_owned(),
+        "v_Length" | "v_Vel" | "Space_Headway" => format!("double {name}"),
+        _ => format!("int64 {name}"),
+    };
+    let kept: Vec<_> = (0..names.len()).filter(|&i| !names[i].contains("al_") || names[i] == "Global_Time").collect();
+    let fields: String = kept.iter().map(|&i| format!("required {}; ", kind(names[i]))).collect::<Vec<_>>().concat();
+    let schema = parse_message_type(&format!("message rows {{ {fields} }}")).unwrap();
+    let mut writer = SerializedFileWriter::new(Vec::new(), Arc::new(schema), Arc::default()).unwrap();
+    for rows in rows.chunks(700) {
+        let mut group = writer.next_row_group().unwrap();
+        for &i in &kept {
+            let cells = rows.iter().map(|row| row[i]);
+            let mut column = group.next_column().unwrap().unwrap();
+            let numbers = cells.clone().map(|cell| cell.parse::<f64>().unwrap_or_default());
+            if names[i] == "Location" {
+                let texts: Vec<_> = cells.map(ByteArray::from).collect();
+                column.typed::<ByteArrayType>().write_batch(&texts, None, None).unwrap();
+            } else if kind(names[i]).starts_with("double") {
+                column.typed::<DoubleType>().write_batch(&numbers.collect::<Vec<_>>(), None, None).unwrap();
+            } else {
+                let numbers: Vec<_> = numbers.map(|number| number as i64).collect();
+                column.typed::<Int64Type>().write_batch(&numbers, None, None).unwrap();
+            }
+            column.close().unwrap();
+        }
+        group.close().unwrap();
+    }
+    writer.into_inner().unwrap()
+}
+
+#[test]
+fn ngsim_is_read_from_parquet_too() {
+    let settings = ExtractionSettings::default();
+    let csv = String::from_utf8(unzipped("ngsim.csv.gz")).unwrap();
+    let read = |body: &[u8], format| road(body, kind(format, Preset::Ngsim), &settings).unwrap();
+    assert!(read(csv.as_bytes(), Format::Csv) == read(&as_parquet(&csv), Format::Parquet));
 }
 
 /// Three steps are enough.
