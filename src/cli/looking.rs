@@ -11,6 +11,7 @@ use crate::store::verify::Looking;
 const FULL: u64 = 1000;
 
 /// On stderr, and on a terminal only.
+#[derive(Clone)]
 pub(super) struct Bar(ProgressBar);
 
 impl Bar {

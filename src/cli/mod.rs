@@ -10,6 +10,8 @@ mod compact;
 mod demo;
 /// Whether a server can serve.
 mod healthy;
+/// Event files into a model.
+mod import;
 /// Who may use a server.
 mod keys;
 /// How far a look at a database is, on stderr.
@@ -49,6 +51,8 @@ enum Command {
     Demo(demo::DemoArguments),
     /// Repeat the paper's experiment on event files: methods learned task by task, tables, intervals, figures.
     Reproduce(reproduce::ReproduceArguments),
+    /// Take events from files into a model, as an upload does.
+    Import(import::ImportArguments),
     /// Rewrite the database without what it does not use; the server must not run.
     Compact(compact::CompactArguments),
     /// Make, list and revoke the keys that a server asks for.
@@ -76,6 +80,7 @@ pub fn run() -> anyhow::Result<()> {
         Command::Serve(arguments) => serve::run(&arguments),
         Command::Demo(arguments) => demo::run(&arguments),
         Command::Reproduce(arguments) => reproduce::run(&arguments),
+        Command::Import(arguments) => import::run(&arguments),
         Command::Compact(arguments) => compact::run(&arguments),
         Command::Keys(arguments) => keys::run(arguments),
         Command::Verify(arguments) => verify::run(&arguments),

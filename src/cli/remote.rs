@@ -1,13 +1,18 @@
 //! A running server, spoken to over its interface, encrypted or not.
 
+use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use anyhow::{Context, anyhow, bail};
+use anyhow::{Context, anyhow};
 use bytes::Bytes;
 use clap::Args;
-use http_body_util::{BodyExt, Full};
-use hyper::header::{AUTHORIZATION, CONTENT_TYPE, HeaderValue};
+use futures_util::Stream;
+use http_body_util::combinators::UnsyncBoxBody;
+use http_body_util::{BodyExt, Full, StreamBody};
+use hyper::body::Frame;
+use hyper::header::{AUTHORIZATION, CONTENT_ENCODING, CONTENT_TYPE, HeaderValue};
+use hyper::http::request::Builder;
 use hyper::{Method, Request};
 use hyper_rustls::{HttpsConnector, HttpsConnectorBuilder};
 use hyper_util::client::legacy::Client;
@@ -28,6 +33,9 @@ pub(super) struct ServerArguments {
     /// The key that is shown to the server
     #[arg(long, value_name = "KEY", env = "HEADWAY_KEY", hide_env_values = true)]
     key: Option<String>,
+    /// A file with the key alone in it, instead of --key
+    #[arg(long, value_name = "FILE", requires = "server")]
+    key_file: Option<PathBuf>,
     /// Certificates (PEM) that vouch for the server's [default: those that the system trusts]
     #[arg(long, value_name = "FILE", requires = "server")]
     ca: Option<PathBuf>,
@@ -36,14 +44,32 @@ pub(super) struct ServerArguments {
 impl ServerArguments {
     /// The server, where one is named.
     pub(super) fn remote(&self) -> anyhow::Result<Option<Remote>> {
-        let remote = |url: &String| Remote::new(url, self.key.as_deref(), self.ca.as_deref());
-        self.server.as_ref().map(remote).transpose()
+        let Some(url) = &self.server else { return Ok(None) };
+        let from_file = match &self.key_file {
+            None => None,
+            Some(path) => {
+                let text = std::fs::read_to_string(path);
+                Some(text.with_context(|| format!("--key-file: cannot read {}", path.display()))?.trim().to_owned())
+            }
+        };
+        let key = from_file.as_deref().or(self.key.as_deref());
+        Remote::new(url, key, self.ca.as_deref()).map(Some)
     }
+}
+
+/// Answers that say of the body that it is not taken, and nothing of the server.
+const OF_THE_BODY: [u16; 4] = [400, 413, 415, 422];
+
+/// A body that is read while it is sent.
+pub(super) struct FileBody<S> {
+    pub(super) content_type: &'static str,
+    pub(super) content_encoding: Option<&'static str>,
+    pub(super) chunks: S,
 }
 
 /// A server, and the key that it is shown.
 pub(super) struct Remote {
-    http: Client<HttpsConnector<HttpConnector>, Full<Bytes>>,
+    http: Client<HttpsConnector<HttpConnector>, UnsyncBoxBody<Bytes, io::Error>>,
     url: String,
     authorization: Option<HeaderValue>,
 }
@@ -73,24 +99,66 @@ impl Remote {
 
     /// What the server answers, when it does what it is asked.
     pub(super) async fn send(&self, method: Method, path: &str, body: Option<&Value>) -> anyhow::Result<Value> {
-        let mut request = Request::builder().method(method).uri(format!("{}{path}", self.url));
-        if let Some(bearer) = &self.authorization {
-            request = request.header(AUTHORIZATION, bearer);
-        }
+        let mut request = self.request(method, path);
         if body.is_some() {
             request = request.header(CONTENT_TYPE, "application/json");
         }
-        let body = body.map_or_else(Bytes::new, |body| body.to_string().into());
-        let request = request.body(Full::new(body)).context("--server is no URL")?;
+        let body = Full::new(body.map_or_else(Bytes::new, |body| body.to_string().into()));
+        let body = body.map_err(|never| match never {}).boxed_unsync();
+        let answer = self.answer(request, body).await?;
+        if answer.is_success { Ok(answer.body) } else { Err(answer.refusal()) }
+    }
+
+    /// Posts a body, and gives whether it was taken, and what is answered; a refusal of what the body holds is an answer too.
+    pub(super) async fn upload<S>(&self, path: &str, body: FileBody<S>) -> anyhow::Result<(bool, Value)>
+    where
+        S: Stream<Item = io::Result<Frame<Bytes>>> + Send + 'static,
+    {
+        let mut request = self.request(Method::POST, path).header(CONTENT_TYPE, body.content_type);
+        if let Some(encoding) = body.content_encoding {
+            request = request.header(CONTENT_ENCODING, encoding);
+        }
+        let answer = self.answer(request, StreamBody::new(body.chunks).boxed_unsync()).await?;
+        let of_the_body = OF_THE_BODY.contains(&answer.status) && answer.body["code"].is_string();
+        if answer.is_success || of_the_body { Ok((answer.is_success, answer.body)) } else { Err(answer.refusal()) }
+    }
+
+    fn request(&self, method: Method, path: &str) -> Builder {
+        let request = Request::builder().method(method).uri(format!("{}{path}", self.url));
+        match &self.authorization {
+            Some(bearer) => request.header(AUTHORIZATION, bearer),
+            None => request,
+        }
+    }
+
+    async fn answer(&self, request: Builder, body: UnsyncBoxBody<Bytes, io::Error>) -> anyhow::Result<Answer> {
+        let request = request.body(body).context("--server is no URL")?;
         let response = self.http.request(request).await.with_context(|| format!("cannot speak to {}", self.url))?;
         let status = response.status();
         let bytes = response.into_body().collect().await?.to_bytes();
-        let body: Value = serde_json::from_slice(&bytes).unwrap_or_default();
-        if status.is_success() {
-            return Ok(body);
-        }
-        let told = |member: &str| body[member].as_str().unwrap_or_default().to_owned();
-        bail!("the server answered {status}: {}: {}", told("title"), told("detail"))
+        let (is_success, shown) = (status.is_success(), status.to_string());
+        Ok(Answer {
+            status: status.into(),
+            shown,
+            is_success,
+            body: serde_json::from_slice(&bytes).unwrap_or_default(),
+        })
+    }
+}
+
+/// What a server answered.
+struct Answer {
+    status: u16,
+    /// With its reason.
+    shown: String,
+    is_success: bool,
+    body: Value,
+}
+
+impl Answer {
+    fn refusal(&self) -> anyhow::Error {
+        let told = |member: &str| self.body[member].as_str().unwrap_or_default().to_owned();
+        anyhow!("the server answered {}: {}: {}", self.shown, told("title"), told("detail"))
     }
 }
 

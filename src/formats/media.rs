@@ -1,5 +1,7 @@
 //! Content types and encodings.
 
+use std::path::Path;
+
 use super::FormatError;
 
 /// A content type that is read.
@@ -42,6 +44,26 @@ impl Format {
                 detail: format!("content type {media:?} is not read; {READ} are"),
             }),
         }
+    }
+
+    /// What a file of this name holds, and how it is compressed; none where the name does not say.
+    #[must_use]
+    pub fn of_file(path: &Path) -> Option<(Self, Encoding)> {
+        let name = path.file_name()?.to_str()?.to_ascii_lowercase();
+        let (name, encoding) = match name.rsplit_once('.')? {
+            (name, "gz") => (name, Encoding::Gzip),
+            (name, "zst") => (name, Encoding::Zstd),
+            _ => (name.as_str(), Encoding::Identity),
+        };
+        let format = match name.rsplit_once('.')?.1 {
+            "json" => Self::Json,
+            "ndjson" | "jsonl" => Self::Ndjson,
+            "csv" => Self::Csv,
+            "parquet" => Self::Parquet,
+            "xml" => Self::Xml,
+            _ => return None,
+        };
+        Some((format, encoding))
     }
 
     /// Its media type.
@@ -101,6 +123,15 @@ mod tests {
         assert_eq!(code("application/x-npy"), "not_available");
         assert_eq!(code("text/plain"), "unsupported_media_type");
         assert_eq!(code(""), "unsupported_media_type");
+    }
+
+    #[test]
+    fn a_files_name_says_what_it_holds() {
+        let of = |name: &str| Format::of_file(Path::new(name));
+        assert_eq!(of("a/b.c/events.CSV"), Some((Format::Csv, Encoding::Identity)));
+        assert_eq!(of("fcd.xml.gz"), Some((Format::Xml, Encoding::Gzip)));
+        assert_eq!(of("x.jsonl.zst"), Some((Format::Ndjson, Encoding::Zstd)));
+        assert_eq!([of("events"), of("events.gz"), of("events.txt"), of("csv/")], [None; 4]);
     }
 
     #[test]

@@ -116,12 +116,22 @@ fn digest(said: &str, body_sha256: &[u8; 32]) -> [u8; 32] {
     hasher.finalize().into()
 }
 
-fn answer(model: &Model, context: &RequestContext, receipt: &Receipt, tasks: &[i64]) -> Answer {
+/// What an upload is answered, and an import: its receipt, and the tasks that were due with it.
+///
+/// # Panics
+/// Never: a receipt is an object.
+#[must_use]
+pub fn receipt_body(receipt: &Receipt, tasks: &[i64]) -> Map<String, Value> {
     let mut members: Map<String, Value> = match serde_json::to_value(receipt) {
         Ok(Value::Object(members)) => members,
         other => unreachable!("a receipt is an object: {other:?}"),
     };
     members.insert("task_ids".to_owned(), tasks.iter().map(|&task| task_id(task)).collect());
+    members
+}
+
+fn answer(model: &Model, context: &RequestContext, receipt: &Receipt, tasks: &[i64]) -> Answer {
+    let members = receipt_body(receipt, tasks);
     let location = format!("/v1/models/{}/batches/{}", model.name, batch_id(receipt.batch_id));
     if receipt.holds_nothing() {
         let detail = match receipt.rejected_count {

@@ -37,6 +37,8 @@ mod hostile_bytes;
 mod hostile_wire;
 /// Keys that are sent again.
 mod idempotency;
+/// Files, from the command line.
+mod import;
 /// Keys: making, listing, revoking.
 mod keys;
 /// Databases of servers that have done everything once.
