@@ -53,6 +53,20 @@ async fn on_its_own_test_events_a_version_gets_its_own_evaluation() {
 }
 
 #[tokio::test]
+async fn a_recording_of_a_road_is_evaluated_by_the_events_in_it() {
+    let server = learned(QUICK).await;
+    let body = include_bytes!("../golden/scenes/fcd.xml.gz").to_vec();
+    let request = server.request(Method::POST, &format!("{PATH}?references=idm&max_duration_s=20"));
+    let request = request.header("content-type", "application/xml").header("content-encoding", "gzip").body(body);
+    let answer = server.send(request).await.expect(200);
+    let extraction = &answer["summary"]["extraction"];
+    assert_eq!((&extraction["rows"], &extraction["events"]), (&json!(3435), &answer["accepted"]));
+    assert_eq!(answer["versions"][0]["tasks"][0]["events"], answer["accepted"]);
+    assert_eq!(answer["references"][0]["tasks"][0]["events"], answer["accepted"]);
+    server.stop().await;
+}
+
+#[tokio::test]
 async fn nothing_of_an_evaluation_is_kept() {
     let server = learned(QUICK).await;
     let seen = async || {
