@@ -162,3 +162,19 @@ async fn a_database_that_a_server_owns_is_left_to_it_and_the_server_wants_a_key(
     assert!(text(&elsewhere.stderr).contains("404"), "{}", text(&elsewhere.stderr));
     server.stop().await;
 }
+
+#[tokio::test(flavor = "multi_thread")]
+async fn what_was_taken_before_the_server_refuses_to_go_on_is_told() {
+    let directory = tempfile::tempdir().unwrap();
+    let files = files(directory.path());
+    let mut server = Server::start_with("[access]\nrate_window_s = 86400\nrate_requests = 2").await;
+    server.close_gate().await;
+    let key = server.make_key(&json!({"scopes": ["ingest"]})).await;
+    let named: Vec<&str> = files[..3].iter().map(|file| file.to_str().unwrap()).collect();
+    let stopped = import(directory.path(), &[&named[..], &["--server", &server.url, "--key", &key]].concat());
+    let (said, why) = (text(&stopped.stdout), text(&stopped.stderr));
+    assert!(!stopped.status.success());
+    assert!(said.contains("| b1 |") && said.contains("| b2 |") && !said.contains("again.jsonl.gz"), "{said}");
+    assert!(why.contains("again.jsonl.gz nor a file after it was imported") && why.contains("429"), "{why}");
+    server.stop().await;
+}

@@ -149,22 +149,27 @@ impl Target {
 /// Imports every file, and fails unless all were taken.
 pub(super) fn run(arguments: &ImportArguments) -> anyhow::Result<()> {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
-    let outcomes = runtime.block_on(imported(arguments))?;
-    let refused = outcomes.iter().filter(|(_, outcome)| outcome.is_refusal()).count();
-    Report { model: &arguments.model, outcomes: &outcomes }.print(arguments.json)?;
-    match refused {
+    let mut outcomes = Vec::new();
+    let ended = runtime.block_on(import(arguments, &mut outcomes));
+    // What was taken before something failed stays taken, and is told.
+    if ended.is_ok() || !outcomes.is_empty() {
+        Report { model: &arguments.model, outcomes: &outcomes }.print(arguments.json)?;
+    }
+    ended?;
+    match outcomes.iter().filter(|(_, outcome)| outcome.is_refusal()).count() {
         0 => Ok(()),
         refused => bail!("{refused} of {} files were refused", outcomes.len()),
     }
 }
 
-async fn imported(arguments: &ImportArguments) -> anyhow::Result<Vec<(PathBuf, Outcome)>> {
+/// Imports one file after the other, and ends when something fails that is not the file's.
+async fn import(arguments: &ImportArguments, outcomes: &mut Vec<(PathBuf, Outcome)>) -> anyhow::Result<()> {
     let ImportArguments { files, model, options, database, server, .. } = arguments;
     let target = match server.remote()? {
         Some(remote) => Target::Server(Box::new(Server::new(remote, model))),
         None => Target::Database(Box::new(Database::open(database.as_deref(), model).await?)),
     };
-    let (bar, mut outcomes) = (Bar::new(), Vec::new());
+    let (bar, mut ended) = (Bar::new(), Ok(()));
     for path in files {
         let outcome = match Upload::open(path, options.of_upload()) {
             Ok(upload) => target.take(upload, &bar).await,
@@ -173,8 +178,8 @@ async fn imported(arguments: &ImportArguments) -> anyhow::Result<Vec<(PathBuf, O
         match outcome {
             Ok(outcome) => outcomes.push((path.clone(), outcome)),
             Err(error) => {
-                bar.end();
-                return Err(error.context(format!("{}, and no file after it, was imported", path.display())));
+                ended = Err(error.context(format!("neither {} nor a file after it was imported", path.display())));
+                break;
             }
         }
     }
@@ -182,5 +187,5 @@ async fn imported(arguments: &ImportArguments) -> anyhow::Result<Vec<(PathBuf, O
     if let Target::Database(database) = target {
         database.close().await;
     }
-    Ok(outcomes)
+    ended
 }
