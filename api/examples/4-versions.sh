@@ -17,3 +17,9 @@ curl -sS --fail-with-body -X POST "$url/v1/models/quick/evaluate?versions=1,2&re
 # As a file: a graph for ONNX Runtime, and everything that learning needs to go on elsewhere, for torch or another server.
 curl -sS --fail-with-body -o quick-v2.onnx "$url/v1/models/quick/versions/2/artifact?format=onnx"
 curl -sS --fail-with-body -o quick-v2.safetensors "$url/v1/models/quick/versions/2/artifact?format=safetensors"
+
+# Into another model, of the same method and settings, which continues it from there.
+curl -sS --fail-with-body -X POST "$url/v1/models" \
+  -H 'Content-Type: application/json' -d '{"model": "moved", "method": "ewc", "settings": {"hidden": 8, "epochs": 1}}'
+curl -sS --fail-with-body -X POST "$url/v1/models/moved/versions" \
+  -H 'Content-Type: application/octet-stream' --data-binary @quick-v2.safetensors

@@ -22,6 +22,8 @@ HORIZON = 10
 FORESEEN = {
     "no_event_accepted ": "whether numbers are traffic is for physics to say; the answer judges event by event",
     "idempotency_mismatch ": "an Idempotency-Key belongs to the first request that came with it",
+    "method_needs_events ": "which methods take a file of weights, descriptions say",
+    "tasks_under_way ": "whether a model learns just now, the server knows",
     "precondition_failed ": "If-Match is compared with the model's ETag",
     "version_not_found ": "a body may name a version that is not there",
     "invalid_body unknown_batch/": "a body may name a batch that is not there",
@@ -60,7 +62,7 @@ def foreseen(case, response):
         return None
     where = lambda error: (error.get("parameter") or error.get("pointer") or "").split("/")[-1]
     lines = [f"{code} {error['code']}/{where(error)}: {error['detail']}" for error in errors] or [f"{code} {told['detail']}"]
-    raw = operation_id(case) in ("upload", "evaluate") and (
+    raw = operation_id(case) in ("upload", "evaluate", "importVersion") and (
         case.media_type != "application/json" or "Content-Encoding" in case.headers)
     known = FORESEEN | (FORESEEN_OF_BYTES if raw else {})
     reasons = [next((why for pattern, why in known.items() if re.match(pattern, line)), None) for line in lines]

@@ -4,10 +4,12 @@
 
 mod layers;
 mod onnx;
+mod read;
 mod record;
 mod safetensors;
 
 pub use layers::{Layer, layers};
 pub use onnx::{OnnxNames, onnx};
+pub use read::{ArtifactError, Brought, BroughtRegime, Defect, Origin, read};
 pub use record::{FORMAT, Record, RememberedRegime};
 pub use safetensors::{Header, header, weights_data};

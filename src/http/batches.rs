@@ -102,13 +102,14 @@ pub(super) async fn upload(
 }
 
 /// What a request says beside its body, for the comparison with an earlier one of the same key.
-fn said_besides(http: &Request) -> String {
+pub(super) fn said_besides(http: &Request) -> String {
     let header = |name: HeaderName| http.headers().get(name).and_then(|v| v.to_str().ok()).unwrap_or_default();
     let query = http.uri().query().unwrap_or_default();
     format!("{query}\n{}\n{}", header(CONTENT_TYPE), header(CONTENT_ENCODING))
 }
 
-fn digest(said: &str, body_sha256: &[u8; 32]) -> [u8; 32] {
+/// Of all that makes a repeated request the same.
+pub(super) fn digest(said: &str, body_sha256: &[u8; 32]) -> [u8; 32] {
     let mut hasher = Sha256::new();
     hasher.update(said.as_bytes());
     hasher.update([0]);

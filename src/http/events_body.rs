@@ -10,7 +10,7 @@ use super::AppState;
 use super::body::{Pace, refuse_declared_excess, timed, too_large};
 use super::problem::{Code, InputError, Problem};
 use crate::formats::{Encoding, Format, FormatError};
-use crate::ingest::{IngestError, Interrupted, OptionError, SpoolError, Spooled, spool};
+use crate::ingest::{IngestError, IngestSettings, Interrupted, OptionError, SpoolError, Spooled, spool};
 
 /// What the headers say the body is.
 ///
@@ -32,16 +32,22 @@ pub(super) fn kind(headers: &HeaderMap) -> Result<(Format, Encoding), Problem> {
 /// # Errors
 /// When it is too large, stalls or breaks off.
 pub(super) async fn take_body(app: &AppState, http: Request<Body>) -> Result<Spooled, Problem> {
-    let limit = app.ingest.max_body_bytes;
+    take_body_within(app, http, app.ingest.max_body_bytes).await
+}
+
+/// The whole of a body of at most `limit` bytes, in a temporary file.
+///
+/// # Errors
+/// When it is too large, stalls or breaks off.
+pub(super) async fn take_body_within(app: &AppState, http: Request<Body>, limit: u64) -> Result<Spooled, Problem> {
     refuse_declared_excess(http.headers(), limit)?;
-    spool(timed(http.into_body(), Pace::of(&app.settings)), &app.ingest).await.map_err(
-        |interrupted| match interrupted {
-            Interrupted::Body(problem) => problem,
-            Interrupted::Spool(SpoolError::TooLarge { max_bytes }) => too_large(max_bytes),
-            Interrupted::Spool(SpoolError::Io(error)) if is_full(&error) => Problem::full(error),
-            Interrupted::Spool(error @ SpoolError::Io(_)) => Problem::internal(error),
-        },
-    )
+    let settings = IngestSettings { max_body_bytes: limit, ..app.ingest.clone() };
+    spool(timed(http.into_body(), Pace::of(&app.settings)), &settings).await.map_err(|interrupted| match interrupted {
+        Interrupted::Body(problem) => problem,
+        Interrupted::Spool(SpoolError::TooLarge { max_bytes }) => too_large(max_bytes),
+        Interrupted::Spool(SpoolError::Io(error)) if is_full(&error) => Problem::full(error),
+        Interrupted::Spool(error @ SpoolError::Io(_)) => Problem::internal(error),
+    })
 }
 
 /// Whether a file cannot be written because there is no room, or no more may be taken.

@@ -1,7 +1,5 @@
 //! The REST interface. One file per resource: routes, bodies, handlers. Status codes live here and nowhere else.
 
-/// Calls the interface names and this release does not answer yet.
-mod absent;
 /// Answers that can be kept and sent again.
 mod answer;
 /// Versions as files.
@@ -32,6 +30,8 @@ mod gate;
 mod health;
 /// `Idempotency-Key`.
 mod idempotency;
+/// Versions out of files.
+mod import;
 /// What answers a connection's requests.
 mod interface;
 /// `/v1/keys`.
@@ -200,7 +200,7 @@ fn routes() -> Vec<Route> {
         at("/v1/models/{model}/tasks/{task_id}").get(AnyKey, tasks::read),
         at("/v1/models/{model}/tasks/{task_id}/cancel").post(May(Train), tasks::cancel),
         at("/v1/models/{model}/tasks/{task_id}/progress").get(AnyKey, progress::watch),
-        at("/v1/models/{model}/versions").get(AnyKey, versions::list).post(May(Train), absent::import),
+        at("/v1/models/{model}/versions").get(AnyKey, versions::list).post(May(Train), import::create),
         at("/v1/models/{model}/versions/{version}").get(AnyKey, versions::read).patch(May(Train), versions::annotate),
         at("/v1/models/{model}/versions/{version}/evaluation").get(AnyKey, versions::evaluation),
         at("/v1/models/{model}/versions/{version}/artifact").get(AnyKey, artifact::download),

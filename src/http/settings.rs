@@ -43,6 +43,8 @@ pub struct ServerSettings {
     pub concurrent_predictions: usize,
     /// Evaluations on events that are not kept, computed at once.
     pub concurrent_evaluations: usize,
+    /// Largest file that is taken as a version, bytes.
+    pub artifact_bytes: u64,
     /// Versions handed out and taken in as files at once.
     pub concurrent_artifacts: usize,
     /// Progress streams open at once.
@@ -95,7 +97,7 @@ impl ServerSettings {
 
     /// Every number, and the range it must lie in.
     #[must_use]
-    pub fn numbers(&self) -> [(&'static str, f64, RangeInclusive<f64>); 31] {
+    pub fn numbers(&self) -> [(&'static str, f64, RangeInclusive<f64>); 32] {
         [
             ("threads", self.threads as f64, 0.0..=1024.0),
             ("json_body_bytes", self.json_body_bytes as f64, 1.0..=1e9),
@@ -113,6 +115,7 @@ impl ServerSettings {
             ("concurrent_uploads", self.concurrent_uploads as f64, 1.0..=10_000.0),
             ("concurrent_predictions", self.concurrent_predictions as f64, 1.0..=10_000.0),
             ("concurrent_evaluations", self.concurrent_evaluations as f64, 1.0..=10_000.0),
+            ("artifact_bytes", self.artifact_bytes as f64, 1.0..=4e9),
             ("concurrent_artifacts", self.concurrent_artifacts as f64, 1.0..=10_000.0),
             ("concurrent_streams", self.concurrent_streams as f64, 1.0..=100_000.0),
             ("progress_interval_s", self.progress_interval_s, 0.01..=3600.0),

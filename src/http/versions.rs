@@ -40,7 +40,8 @@ impl Note {
     }
 }
 
-fn body(app: &AppState, model: &Model, version: &Version) -> Value {
+/// A version as clients see it.
+pub(super) fn body(app: &AppState, model: &Model, version: &Version) -> Value {
     let corrupt = version.corrupt.clone().or_else(|| app.store.corruption(version.model_id, version.version));
     json!({
         "model": model.name,

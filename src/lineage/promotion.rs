@@ -66,6 +66,23 @@ impl PromotionPolicy {
         };
         Promotion { policy: self, decision, reason }
     }
+
+    /// Decides about a version that comes from elsewhere, `from` there: with it come no test events to judge it on. `tainted`:
+    /// there it has learned what was retracted.
+    #[must_use]
+    pub fn of_import(self, from: &str, live: Option<i64>, tainted: bool) -> Promotion {
+        let (decision, reason) = match (self, live) {
+            _ if tainted => (PromotionDecision::Kept, "it has learned what was retracted there".to_owned()),
+            (Self::Manual, _) => (PromotionDecision::Kept, "the policy is manual".to_owned()),
+            (Self::Auto, _) => (PromotionDecision::Promoted, "the policy is auto".to_owned()),
+            (Self::Gated, None) => (PromotionDecision::Promoted, "nothing was live".to_owned()),
+            (Self::Gated, Some(live)) => (
+                PromotionDecision::Kept,
+                format!("not judged against version {live}, because no test events came with it"),
+            ),
+        };
+        Promotion { policy: self, decision, reason: format!("{from}; {reason}") }
+    }
 }
 
 fn objections(comparisons: &[RegimeComparison], error_ratio: f64) -> Vec<String> {
@@ -109,6 +126,16 @@ mod tests {
         assert_eq!(decide(comparison(11.0, 1)), PromotionDecision::Promoted);
         assert_eq!(decide(comparison(11.1, 1)), PromotionDecision::Kept);
         assert_eq!(decide(comparison(5.0, 2)), PromotionDecision::Kept);
+    }
+
+    #[test]
+    fn what_comes_from_elsewhere_is_not_judged() {
+        let decide = |policy: PromotionPolicy, live, tainted| policy.of_import("a file", live, tainted).decision;
+        assert_eq!(decide(PromotionPolicy::Gated, None, false), PromotionDecision::Promoted);
+        assert_eq!(decide(PromotionPolicy::Gated, Some(2), false), PromotionDecision::Kept);
+        assert_eq!(decide(PromotionPolicy::Auto, Some(2), false), PromotionDecision::Promoted);
+        assert_eq!(decide(PromotionPolicy::Manual, None, false), PromotionDecision::Kept);
+        assert_eq!(decide(PromotionPolicy::Auto, None, true), PromotionDecision::Kept);
     }
 
     #[test]

@@ -18,7 +18,8 @@ struct LayerImportance {
 }
 
 /// Per layer: mean, greatest, and share of the whole. Null where nothing is kept.
-pub(super) fn summary(shape: DriverShape, memory: Option<&RegimeMemory>) -> Value {
+#[must_use]
+pub fn summary(shape: DriverShape, memory: Option<&RegimeMemory>) -> Value {
     let Some(memory) = memory else { return Value::Null };
     let total: f64 = memory.importance.iter().map(|&x| f64::from(x)).sum();
     let layers: Vec<_> = shape

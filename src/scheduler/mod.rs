@@ -26,6 +26,7 @@ mod triggers;
 mod verdict;
 
 pub use handle::Scheduler;
+pub use importance::summary as importance_summary;
 pub use learner::{Learner, Training};
 pub use priority::step_back;
 pub use retrain::{RetrainError, Retrained, retrain};

@@ -29,6 +29,8 @@ pub mod history;
 pub mod idempotency;
 /// Keys: making, listing, revoking.
 pub mod keys;
+/// Versions from elsewhere.
+pub mod import;
 mod kept;
 mod ledger;
 mod line;

@@ -43,6 +43,8 @@ pub enum Purpose {
     Promoted,
     /// Live and head move.
     RolledBack,
+    /// A version comes from elsewhere.
+    VersionImported,
     /// A version's note is written.
     VersionNoted,
     /// A replay ends.
@@ -67,7 +69,7 @@ pub enum Purpose {
 
 impl Purpose {
     /// Every purpose.
-    pub const ALL: [Self; 26] = [
+    pub const ALL: [Self; 27] = [
         Self::ModelCreated,
         Self::ModelPaused,
         Self::RetentionChanged,
@@ -84,6 +86,7 @@ impl Purpose {
         Self::TaskCancelled,
         Self::Promoted,
         Self::RolledBack,
+        Self::VersionImported,
         Self::VersionNoted,
         Self::ReplayEnded,
         Self::ContentErased,
@@ -116,6 +119,7 @@ impl Purpose {
             Self::TaskCancelled => "task_cancelled",
             Self::Promoted => "promoted",
             Self::RolledBack => "rolled_back",
+            Self::VersionImported => "version_imported",
             Self::VersionNoted => "version_noted",
             Self::ReplayEnded => "replay_ended",
             Self::ContentErased => "content_erased",

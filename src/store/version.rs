@@ -81,12 +81,7 @@ impl Store {
     /// # Errors
     /// When the database cannot be read.
     pub async fn version(&self, model_id: i64, version: i64) -> Result<Option<Version>, StoreError> {
-        let row = query(select_version!("where v.model_id = ? and v.version = ?"))
-            .bind(model_id)
-            .bind(version)
-            .fetch_optional(&self.readers)
-            .await?;
-        row.as_ref().map(version_from).transpose()
+        get(&mut *self.readers.acquire().await?, model_id, version).await
     }
 
     /// At most `limit` versions of the model above `after`, ascending, without their weights.
@@ -149,6 +144,23 @@ impl Store {
             .await?;
         Ok(row.map(|row| row.try_get("parent")).transpose()?.flatten())
     }
+}
+
+/// The version as this connection sees it, when the model has it.
+///
+/// # Errors
+/// When the database cannot be read.
+pub async fn get(
+    connection: &mut SqliteConnection,
+    model_id: i64,
+    version: i64,
+) -> Result<Option<Version>, StoreError> {
+    let row = query(select_version!("where v.model_id = ? and v.version = ?"))
+        .bind(model_id)
+        .bind(version)
+        .fetch_optional(connection)
+        .await?;
+    row.as_ref().map(version_from).transpose()
 }
 
 /// Sets the remark on a version, or takes it away; `false` when the model has no such version.

@@ -1,5 +1,6 @@
 //! The seeds of the corpus: one or more of every kind that a decoder tells apart. What libFuzzer made of them lies beside.
 
+mod artifact;
 mod text;
 mod parquet;
 mod road;
@@ -77,6 +78,9 @@ fn all() -> Vec<Seed> {
     let bomb = vec![b'1'; 4 << 20];
     add("encodings", "gzip-bomb", behind(0, &gzip(&bomb)));
     add("encodings", "zstd-bomb", behind(1, &zstd::encode_all(&bomb[..], 19).unwrap()));
+    for (choice, name, bytes) in artifact::files() {
+        add("artifact", name, behind(choice, &bytes));
+    }
     for (choice, name, bytes) in stored() {
         add("stored", name, behind(choice, &bytes));
     }

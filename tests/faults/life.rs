@@ -1,4 +1,6 @@
+use headway::artifact::{layers, weights_data};
 use headway::car_following::TrafficRegime;
+use headway::lstm::Layout;
 use reqwest::Method;
 use serde_json::{Value, json};
 
@@ -69,6 +71,7 @@ impl<'a> Life<'a> {
         self.erase().await;
         self.release_source().await;
         self.prune().await;
+        self.bring().await;
         self.change_keys().await;
         self.create("/v1/backup", &json!({}), 201).await;
         self.outcome().await
@@ -114,6 +117,20 @@ impl<'a> Life<'a> {
         }
         while self.get("/v1/models/brief/versions/1").await["pruned"] != true {}
         while self.get("/v1/models/brief/batches/b8").await["pruned_events"] == 0 {}
+    }
+
+    /// A network that was trained elsewhere becomes a version.
+    async fn bring(&mut self) {
+        let settings = json!({"preset": "paper", "hidden": 4, "horizon": 5});
+        self.create("/v1/models", &json!({"model": "brought", "method": "naive", "settings": settings}), 201).await;
+        let key = self.key();
+        let answer = self.ask(|process| {
+            let request = process.request(Method::POST, "/v1/models/brought/versions").body(network());
+            request.header("content-type", "application/octet-stream").header("idempotency-key", &key)
+        });
+        assert_eq!(answer.await.expect(201)["version"], 1);
+        let versions = self.get("/v1/models/brought/versions").await;
+        assert_eq!(versions["versions"].as_array().unwrap().len(), 1);
     }
 
     async fn change_keys(&mut self) {
@@ -267,6 +284,25 @@ impl<'a> Life<'a> {
         outcome.push(model);
         outcome
     }
+}
+
+/// A network of four hidden units, as torch would save it.
+fn network() -> Vec<u8> {
+    let layout = Layout { hidden: 4, inputs: 4 };
+    let scaling = json!({"mean": [8, 8, 0, 14], "spread": [4, 4, 1, 6]}).to_string();
+    let mut header = json!({"__metadata__": {"scaling": scaling, "accel_limit_mps2": "4"}});
+    let mut end = 0;
+    for layer in layers(layout) {
+        let biases = if layer.range == layout.bias() { vec![layer.name, "lstm.bias_hh_l0"] } else { vec![layer.name] };
+        for name in biases {
+            let begin = end;
+            end += 4 * layer.range.len();
+            header[name] = json!({"dtype": "F32", "shape": layer.shape, "data_offsets": [begin, end]});
+        }
+    }
+    let header = header.to_string();
+    let weights = weights_data(layout, &vec![0.01; layout.len()]);
+    [&(header.len() as u64).to_le_bytes(), header.as_bytes(), &weights].concat()
 }
 
 /// A process that serves, after one that died.

@@ -116,7 +116,7 @@ async fn move_about(server: &Server) {
     let evaluated = "/v1/models/ewc/evaluate?versions=1&references=idm&regime=fast";
     server.post(evaluated, &json!({"events": events("g", 4, 12.0)})).await.expect(200);
     server.post("/v1/models/ewc/predict", &json!({"version": 1, "windows": [window(5, 11.0)]})).await.expect(200);
-    server.get("/v1/models/ewc/versions/2/artifact?format=safetensors").await.expect(200);
+    bring(server).await;
     for note in [json!("a note"), Value::Null] {
         let request = server.request(Method::PATCH, "/v1/models/ewc/versions/1").json(&json!({"note": note}));
         server.send(request).await.expect(200);
@@ -124,6 +124,16 @@ async fn move_about(server: &Server) {
     server.post("/v1/models/ewc/promote", &json!({"version": 1, "reason": "tried"})).await.expect(200);
     server.post("/v1/models/ewc/promote", &json!({"version": 2, "reason": "tried"})).await.expect(200);
     server.post("/v1/models/ewc/rollback", &json!({"reason": "tried"})).await.expect(200);
+}
+
+/// A version that goes out as a file and comes in as another model's.
+async fn bring(server: &Server) {
+    let file = server.request(Method::GET, "/v1/models/ewc/versions/2/artifact?format=safetensors");
+    let file = file.send().await.unwrap().bytes().await.unwrap();
+    server.post("/v1/models", &json!({"model": "brought", "method": "ewc"})).await.expect(201);
+    let import = server.request(Method::POST, "/v1/models/brought/versions").body(file);
+    server.send(import.header("content-type", "application/octet-stream")).await.expect(201);
+    server.learn("brought", "jam", &events("jam", 12, 3.0)).await;
 }
 
 /// A task that is held, goes on from its checkpoint and is cancelled; and one that a stop of the server interrupts.

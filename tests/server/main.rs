@@ -35,6 +35,8 @@ mod hostile;
 mod hostile_bytes;
 /// Requests that are none.
 mod hostile_wire;
+/// Versions out of files.
+mod brought;
 /// Keys that are sent again.
 mod idempotency;
 /// Files, from the command line.

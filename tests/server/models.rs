@@ -74,7 +74,7 @@ async fn what_comes_later_says_so() {
     let server = Server::start().await;
     let fork = json!({"model": "a", "method": "ewc", "from": {"model": "default", "version": 1}});
     server.post("/v1/models", &fork).await.expect_problem(501, "not_available");
-    server.post("/v1/models/default/versions", &json!({})).await.expect_problem(501, "not_available");
+    server.post("/v1/models/default/versions", &json!({})).await.expect_problem(415, "unsupported_media_type");
     server.post("/v1/models/absent/versions", &json!({})).await.expect_problem(404, "model_not_found");
     server.stop().await;
 }

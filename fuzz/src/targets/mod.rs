@@ -1,5 +1,7 @@
 //! What is fuzzed, and what must hold whatever the bytes are.
 
+/// Files of versions.
+mod artifact;
 /// JSON bodies of calls that change something.
 mod bodies;
 /// Settings from files, flags and variables.
@@ -28,7 +30,7 @@ const fn target(name: &'static str, run: fn(&[u8])) -> Target {
 }
 
 /// Every target.
-pub const ALL: [Target; 11] = [
+pub const ALL: [Target; 12] = [
     target("json", uploads::json),
     target("ndjson", uploads::ndjson),
     target("csv", uploads::csv),
@@ -38,6 +40,7 @@ pub const ALL: [Target; 11] = [
     target("predict", predict::run),
     target("bodies", bodies::run),
     target("requests", requests::run),
+    target("artifact", artifact::run),
     target("stored", stored::run),
     target("config", config::run),
 ];

@@ -101,7 +101,11 @@ const EVALUATIONS: [Rule; 4] = [
         breaks: "select format('model %d, version %d, regime %s', r.model_id, r.version, r.regime) as place
                  from version_regime r where not exists
                  (select 1 from version l where l.model_id = r.model_id and l.version = r.learned_version
-                  and l.stage = r.learned_stage and l.regime = r.regime)",
+                  and (l.stage = r.learned_stage and l.regime = r.regime
+                       -- What comes from elsewhere stands for the stages before it, which are not here.
+                       or l.task_id is null and l.stage >= r.learned_stage and exists
+                           (select 1 from version_regime o where o.model_id = l.model_id and o.version = l.version
+                            and o.regime = r.regime and o.learned_stage = r.learned_stage)))",
     },
     Rule {
         fault: "what it keeps belongs to another model",
