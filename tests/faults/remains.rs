@@ -23,11 +23,16 @@ const NEVER: [(&str, &str); 6] = [
     ("a pruned version with weights", "select * from pruned join weights using (model_id, version)"),
     (
         "a version without an evaluation on test events",
-        "select * from version v where not exists
+        "select * from version v where task_id is not null and not exists
         (select 1 from version_regime r where r.model_id = v.model_id and r.version = v.version
          and r.regime = v.regime and r.learned_version = v.version and r.test_events > 0)",
     ),
-    ("a version that no task made", "select * from version where task_id is null"),
+    (
+        "a version that no task made and no file brought, or that is not whole",
+        "select * from version v where task_id is null and (promotion ->> 'reason' not like 'imported: %' or not exists
+        (select 1 from version_regime r join weights using (model_id, version) where r.model_id = v.model_id
+         and r.version = v.version and r.regime = v.regime and r.learned_version = v.version))",
+    ),
     (
         "a model that learned and has neither head nor live",
         "select * from model m where exists (select 1 from version v where v.model_id = m.model_id)
