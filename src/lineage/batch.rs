@@ -66,7 +66,7 @@ pub enum Place {
     Pointer(String),
     /// A line of an NDJSON body, from 1.
     Line(u64),
-    /// A data row of a CSV or Parquet body, from 1; the header is not counted.
+    /// A data row of a CSV or Parquet body, from 1; the header is not counted. Of floating-car data in XML, a vehicle.
     Row(u64),
 }
 
