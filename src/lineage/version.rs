@@ -15,9 +15,9 @@ pub struct Version {
     pub model_id: i64,
     /// 1, 2, 3… per model.
     pub version: i64,
-    /// The task that made it.
+    /// The task that made it; none where it came as a file.
     pub task_id: Option<i64>,
-    /// The version it continued; none at stage 1.
+    /// The version it continued; none at stage 1, and where it came as a file.
     pub parent: Option<i64>,
     /// Position on its line of parents, from 1.
     pub stage: u32,

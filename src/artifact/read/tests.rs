@@ -243,11 +243,6 @@ fn tensors_that_are_missing_others_or_not_numbers_are_refused_by_name() {
     assert_eq!(defect(&gone).1, "unknown_tensor");
     let reshaped = with_header(&file, |members| members["lstm.weight_ih_l0"]["shape"] = json!([7, 12]));
     assert_eq!(defect(&reshaped), ("/lstm.weight_ih_l0".to_owned(), "wrong_shape"));
-    let half = with_header(&file, |members| {
-        members["head.weight"]["dtype"] = json!("BF16");
-        members["head.weight"]["shape"] = json!([2, 3]);
-    });
-    assert_eq!(defect(&half).1, "wrong_shape");
     let integers = with_header(&file, |members| members["head.weight"]["dtype"] = json!("I32"));
     assert_eq!(defect(&integers), ("/head.weight".to_owned(), "wrong_type"));
     let length = 8 + u64::from_le_bytes(*file.first_chunk::<8>().unwrap()) as usize;
@@ -285,4 +280,39 @@ fn files_that_are_none_are_told_so() {
     assert!(malformed(&lying).contains("overflow"));
     let entries: Vec<_> = (0..1_000_000).map(|i| format!("\"t{i}\":0")).collect();
     assert!(malformed(&behind(&format!("{{{}}}", entries.join(",")), b"")).contains("more than 4194304"));
+}
+
+#[test]
+fn a_network_of_another_precision_or_without_one_of_its_tensors_is_told_so() {
+    let weights = initial_weights(settings().shape().layout(), 4);
+    let file = theirs(&weights, &[("scaling", &*scaling().to_string()), ("accel_limit_mps2", "4")]);
+    for (kind, bytes) in [("BF16", 2), ("F16", 2), ("F64", 8)] {
+        let other = with_header(&file, |members| {
+            for entry in members.iter_mut().filter(|(name, _)| *name != "__metadata__").map(|(_, entry)| entry) {
+                let at = |place: usize| entry["data_offsets"][place].as_u64().unwrap() / 4 * bytes;
+                let offsets = json!([at(0), at(1)]);
+                entry["data_offsets"] = offsets;
+                entry["dtype"] = json!(kind);
+            }
+        });
+        let head = 8 + u64::from_le_bytes(*other.first_chunk::<8>().unwrap()) as usize;
+        let numbers = (weights.len() + settings().shape().layout().gates()) * bytes as usize;
+        let ArtifactError::Unusable(defects) = taken(&[&other[..head], &vec![0; numbers]].concat()).unwrap_err() else {
+            panic!("{kind}")
+        };
+        assert_eq!(defects[0].code, "wrong_type");
+        assert!(defects[0].detail.contains(kind) && defects[0].detail.contains("F32"), "{}", defects[0].detail);
+    }
+    // The last of the tensors, so that nothing is left uncovered.
+    let cut = with_header(&file, |members| drop(members.remove("head.bias")));
+    assert_eq!(defect(&cut[..cut.len() - 4]), ("/head.bias".to_owned(), "missing"));
+}
+
+#[test]
+fn no_importance_is_negative() {
+    let (mut file, _) = ours();
+    let weights = settings().shape().layout();
+    let first = file.len() - 4 * 4 * weights.len();
+    file[first..first + 4].copy_from_slice(&(-1.0_f32).to_le_bytes());
+    assert_eq!(defect(&file).1, "negative");
 }
