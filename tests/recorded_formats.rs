@@ -5,6 +5,7 @@
 #![expect(clippy::print_stderr, reason = "tells what was refused, and what was not there to look at")]
 
 use std::fs::File;
+use std::io::Write;
 use std::ops::ControlFlow;
 use std::path::PathBuf;
 
@@ -24,7 +25,11 @@ fn recorded(name: &str) -> Option<File> {
 }
 
 fn raw_events(file: File, format: Format) -> Vec<RawEvent> {
-    let kind = BodyKind { format, encoding: Encoding::Identity, preset: Preset::Follownet };
+    raw_events_with(file, format, Preset::Follownet)
+}
+
+fn raw_events_with(file: File, format: Format, preset: Preset) -> Vec<RawEvent> {
+    let kind = BodyKind { format, encoding: Encoding::Identity, preset };
     let mut events = Vec::new();
     decode(file, kind, &FormatLimits::default(), &ExtractionSettings::default(), &mut |decoded| {
         events.push(decoded.expect("a recorded event can be read"));
@@ -63,6 +68,60 @@ fn the_default_checks_accept_nearly_every_recorded_event() {
     }
     eprintln!("together: {accepted_of_all} of {all}, {:.2} %", 100.0 * f64::from(accepted_of_all as u32) / all as f64);
     assert!(accepted_of_all as f64 >= 0.99 * all as f64);
+}
+
+/// `{"events": […]}`, or one event a line.
+fn written(events: &[RawEvent], format: Format) -> File {
+    let event = |event: &RawEvent| {
+        let recording = &event.recording;
+        serde_json::json!({
+            "event_id": event.event_id,
+            "dt_s": 0.1,
+            "spacing_m": recording.spacing_m,
+            "follower_speed_mps": recording.follower_speed_mps,
+            "rel_speed_mps": recording.rel_speed_mps,
+            "leader_speed_mps": recording.leader_speed_mps,
+        })
+    };
+    let mut file = tempfile::tempfile().expect("a file can be made");
+    let body = match format {
+        Format::Ndjson => events.iter().map(|it| event(it).to_string() + "\n").collect::<String>(),
+        _ => serde_json::json!({"events": events.iter().map(event).collect::<Vec<_>>()}).to_string(),
+    };
+    file.write_all(body.as_bytes()).expect("it can be written");
+    file
+}
+
+#[test]
+fn recorded_events_are_the_same_bytes_in_every_format() {
+    let (Some(npy), Some(parquet)) = (recorded("waymo_follownet.npy"), recorded("waymo.parquet")) else { return };
+    let Some(csv) = recorded("waymo_60_events.csv") else { return };
+    let parquet = raw_events(parquet, Format::Parquet);
+    let ways = [
+        ("npy", raw_events(npy, Format::Npy), 449),
+        ("csv", raw_events(csv, Format::Csv), 60),
+        ("json", raw_events_with(written(&parquet, Format::Json), Format::Json, Preset::Headway), 449),
+        ("ndjson", raw_events_with(written(&parquet, Format::Ndjson), Format::Ndjson, Preset::Headway), 449),
+    ];
+    // The step of an array is the upload's.
+    let conversion = Conversion { dt_s: Some(0.1), ..Conversion::default() };
+    let check = |event: &RawEvent| CheckSettings::default().check(&event.recording, &conversion, &TARGET);
+    for (name, events, count) in ways {
+        assert_eq!(events.len(), count, "{name}");
+        let mut accepted = 0;
+        for (index, (left, right)) in events.iter().zip(&parquet).enumerate() {
+            assert_eq!(left.index, index as u64);
+            match (check(left), checked(right)) {
+                (Ok(left), Ok(right)) => {
+                    assert_eq!(left.to_bytes(), right.to_bytes(), "{name}, event {index}");
+                    assert_eq!(left.content_sha256(), right.content_sha256(), "{name}, event {index}");
+                    accepted += 1;
+                }
+                (left, right) => assert_eq!(left.is_ok(), right.is_ok(), "{name}, event {index}"),
+            }
+        }
+        eprintln!("{name}: {accepted} of {count} accepted events have the bytes that they have in Parquet");
+    }
 }
 
 #[test]

@@ -137,7 +137,9 @@ impl Preset {
             (_, Format::Csv)
             | (Self::Headway | Self::Fcd, Format::Xml)
             | (Self::Headway | Self::Follownet | Self::Ngsim, Format::Parquet)
+            | (Self::Headway | Self::Follownet, Format::Npy)
             | (Self::Headway, Format::Json | Format::Ndjson) => return Ok(()),
+            (_, Format::Npy) => "is not what an array holds: its columns are FollowNet's",
             (_, Format::Json | Format::Ndjson) => "names columns, and a JSON event has none",
             (_, Format::Xml) => "names columns, and XML is read as preset fcd alone",
             (Self::Fcd, Format::Parquet) => "is read from XML and CSV alone",

@@ -41,10 +41,10 @@ pub enum FormatError {
         /// Which limit.
         detail: String,
     },
-    /// A content type, encoding or preset that is not read, or not yet.
+    /// A content type or encoding that is not read.
     #[error("{detail}")]
     Unsupported {
-        /// `unsupported_media_type`, `unsupported_encoding` or `not_available`.
+        /// `unsupported_media_type` or `unsupported_encoding`.
         code: &'static str,
         /// What is read.
         detail: String,

@@ -17,16 +17,18 @@ pub enum Format {
     Parquet,
     /// SUMO's floating-car data: every vehicle of a road at every time.
     Xml,
+    /// `FollowNet`'s arrays.
+    Npy,
 }
 
-const READ: &str =
-    "application/json, application/x-ndjson, text/csv, application/vnd.apache.parquet and application/xml (SUMO FCD)";
+const READ: &str = "application/json, application/x-ndjson, text/csv, application/vnd.apache.parquet, application/x-npy \
+                    (FollowNet) and application/xml (SUMO FCD)";
 
 impl Format {
     /// The format a `Content-Type` header names; its parameters are ignored.
     ///
     /// # Errors
-    /// `not_available` for what another release reads, else `unsupported_media_type`.
+    /// `unsupported_media_type`.
     pub fn from_content_type(header: &str) -> Result<Self, FormatError> {
         let media = header.split(';').next().unwrap_or_default().trim().to_ascii_lowercase();
         match media.as_str() {
@@ -35,10 +37,7 @@ impl Format {
             "text/csv" => Ok(Self::Csv),
             "application/vnd.apache.parquet" => Ok(Self::Parquet),
             "application/xml" | "text/xml" => Ok(Self::Xml),
-            "application/x-npy" => Err(FormatError::Unsupported {
-                code: "not_available",
-                detail: format!("{media} is not available yet; this release reads {READ}"),
-            }),
+            "application/x-npy" => Ok(Self::Npy),
             _ => Err(FormatError::Unsupported {
                 code: "unsupported_media_type",
                 detail: format!("content type {media:?} is not read; {READ} are"),
@@ -75,6 +74,7 @@ impl Format {
             Self::Csv => "text/csv",
             Self::Parquet => "application/vnd.apache.parquet",
             Self::Xml => "application/xml",
+            Self::Npy => "application/x-npy",
         }
     }
 }
@@ -115,12 +115,11 @@ mod tests {
     #[test]
     fn content_types_are_read_without_their_parameters() {
         assert_eq!(Format::from_content_type("Text/CSV; charset=utf-8").unwrap(), Format::Csv);
-        for format in [Format::Json, Format::Ndjson, Format::Csv, Format::Parquet, Format::Xml] {
+        for format in [Format::Json, Format::Ndjson, Format::Csv, Format::Parquet, Format::Xml, Format::Npy] {
             assert_eq!(Format::from_content_type(format.media_type()).unwrap(), format);
         }
         assert_eq!(Format::from_content_type("text/xml").unwrap(), Format::Xml);
         let code = |header| Format::from_content_type(header).unwrap_err().code();
-        assert_eq!(code("application/x-npy"), "not_available");
         assert_eq!(code("text/plain"), "unsupported_media_type");
         assert_eq!(code(""), "unsupported_media_type");
     }

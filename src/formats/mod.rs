@@ -27,6 +27,8 @@ mod limits;
 mod media;
 /// NDJSON: one event a line.
 mod ndjson;
+/// `NumPy`'s arrays, as `FollowNet` has them.
+mod npy;
 /// Where decoded events go.
 mod output;
 /// What Parquet files say of themselves, looked at first.
@@ -91,6 +93,7 @@ pub fn decode(
         Format::Json => json::decode(text(file)?, &budget, &mut output).map(|()| None),
         Format::Ndjson => ndjson::decode(text(file)?, &budget, &mut output).map(|()| None),
         Format::Csv => csv::decode(text(file)?, &budget, kind.preset, extraction, &mut output),
+        Format::Npy => npy::decode(text(file)?, &budget, &mut output).map(|()| None),
         Format::Xml => scene::decode(text(file)?, &budget, extraction, &mut output).map(Some),
         Format::Parquet => {
             let file = source::seekable(file, kind.encoding, &budget)?;

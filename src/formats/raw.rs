@@ -44,7 +44,12 @@ pub enum Origin {
     Row(u64),
     /// From this row of a whole road on, from 1; rows of other vehicles lie between its steps.
     Among(u64),
+    /// This event of an array.
+    Entry(u64),
 }
+
+/// Columns of an event in an array, in their order.
+const ARRAY: [&str; 4] = ["spacing_m", "follower_speed_mps", "rel_speed_mps", "leader_speed_mps"];
 
 impl Origin {
     /// Where a field of the event, or one step of it, was.
@@ -54,6 +59,14 @@ impl Origin {
             Self::Line(line) => Place::Line(line),
             Self::Row(first) => Place::Row(first + step.unwrap_or(0) as u64),
             Self::Among(first) => Place::Row(first),
+            Self::Entry(index) => {
+                let column = field.and_then(|field| ARRAY.iter().position(|known| *known == field));
+                Place::Pointer(match (column, step) {
+                    (None, _) => format!("/{index}"),
+                    (Some(column), None) => format!("/{index}/{column}"),
+                    (Some(column), Some(step)) => format!("/{index}/{column}/{step}"),
+                })
+            }
             Self::Element(index) => {
                 let field = field.map(|field| field.replace('~', "~0").replace('/', "~1"));
                 Place::Pointer(match (field, step) {
@@ -104,6 +117,8 @@ mod tests {
         assert_eq!(place(Origin::Element(3)), "/events/3/a~1b~0c/17");
         assert_eq!(place(Origin::Line(4)), "4");
         assert_eq!(place(Origin::Row(100)), "117");
+        assert_eq!(Origin::Entry(2).place(Some("rel_speed_mps"), Some(9)).to_string(), "/2/2/9");
+        assert_eq!(Origin::Entry(2).place(Some("event_id"), None).to_string(), "/2");
         assert_eq!(Origin::Element(0).place(None, None).to_string(), "/events/0");
     }
 }

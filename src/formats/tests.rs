@@ -3,6 +3,7 @@
 mod bytes;
 pub(crate) mod encode;
 mod json;
+mod npy;
 mod rows;
 mod scenes;
 mod tabular;

@@ -76,7 +76,7 @@ pub(super) async fn upload(
     http: Request,
 ) -> Result<Answer, Problem> {
     let (format, encoding) = kind(http.headers())?;
-    options.conversion().map_err(|e| option_problem(&e))?;
+    options.conversion(format).map_err(|e| option_problem(&e))?;
     options.extraction(format, &app.ingest.extraction).map_err(|e| option_problem(&e))?;
     let full = "as many uploads as the server takes at once are under way";
     let _slot = app.upload_slots.try_acquire().map_err(|_| Problem::busy(Code::Busy, full))?;

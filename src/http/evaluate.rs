@@ -48,7 +48,7 @@ pub(super) async fn evaluate(
 ) -> Result<Answer, Problem> {
     let (format, encoding) = kind(http.headers())?;
     let (asked, options) = query(http.uri().query().unwrap_or_default())?;
-    options.conversion().map_err(|e| option_problem(&e))?;
+    options.conversion(format).map_err(|e| option_problem(&e))?;
     options.extraction(format, &app.ingest.extraction).map_err(|e| option_problem(&e))?;
     let (named, references) = asked.names(app.evaluator.settings.max_versions)?;
     let versions = to_drive(&app, &model, named).await?;

@@ -81,7 +81,6 @@ fn format_problem(error: FormatError) -> Problem {
         FormatError::Malformed { .. } => Code::MalformedBody,
         FormatError::Invalid { .. } => Code::InvalidBody,
         FormatError::TooLarge { .. } => Code::BodyTooLarge,
-        FormatError::Unsupported { code: "not_available", .. } => Code::NotAvailable,
         FormatError::Unsupported { .. } => Code::UnsupportedMediaType,
         FormatError::Io(_) | FormatError::Stopped => return Problem::internal(error),
     };

@@ -21,6 +21,7 @@ use super::versions::Note;
 use super::{ServerSettings, audit, batches, etag, idempotency, path};
 use crate::access::Token;
 use crate::driver::Window;
+use crate::formats::Format;
 use crate::ingest::UploadOptions;
 use crate::lineage::ModelSettings;
 
@@ -151,7 +152,7 @@ pub fn query(asked: Asked, text: &str, settings: &ServerSettings) -> Result<Stri
 }
 
 fn upload(options: &UploadOptions) -> Result<String, Problem> {
-    let conversion = options.conversion().map_err(|error| option_problem(&error))?;
+    let conversion = options.conversion(Format::Csv).map_err(|error| option_problem(&error))?;
     Ok(format!("{options:?} {conversion:?}"))
 }
 

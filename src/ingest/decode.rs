@@ -79,7 +79,7 @@ impl Decoding {
     /// When an option cannot be used.
     pub(super) fn start(upload: Upload, settings: &IngestSettings) -> Result<Self, OptionError> {
         let rules = Rules {
-            conversion: upload.options.conversion()?,
+            conversion: upload.options.conversion(upload.format)?,
             extraction: upload.options.extraction(upload.format, &settings.extraction)?,
             limits: settings.limits.clone(),
             checks: settings.checks.clone(),

@@ -59,16 +59,18 @@ pub struct OptionError {
     pub detail: String,
 }
 
+/// Step of `FollowNet`'s events, s.
+const FOLLOWNET_DT_S: f64 = 0.1;
 /// Longest vehicle believed, m.
 const MAX_LENGTH_M: f64 = 50.0;
 const MAX_SOURCE_CHARS: usize = 512;
 
 impl UploadOptions {
-    /// How events are to be converted.
+    /// How events of a body of `format` are to be converted.
     ///
     /// # Errors
     /// When a length that the spacing definition needs is missing, or an option is out of range.
-    pub fn conversion(&self) -> Result<Conversion, OptionError> {
+    pub fn conversion(&self, format: Format) -> Result<Conversion, OptionError> {
         if self.dt_s.is_some_and(|dt_s| !(dt_s > 0.0 && dt_s.is_finite())) {
             return Err(invalid("dt_s", "a step above 0 s is needed".to_owned()));
         }
@@ -85,7 +87,9 @@ impl UploadOptions {
                 follower_length_m: needed("follower_length_m", follower)?,
             },
         };
-        Ok(Conversion { dt_s: self.dt_s, spacing })
+        // Arrays are FollowNet's, whose step is this one, and have no room for another.
+        let dt_s = self.dt_s.or((format == Format::Npy).then_some(FOLLOWNET_DT_S));
+        Ok(Conversion { dt_s, spacing })
     }
 
     /// By which criteria events are extracted, where the body is a recording of a whole road.
@@ -173,12 +177,26 @@ mod tests {
             follower_length_m,
             ..UploadOptions::default()
         };
-        let missing = |options: UploadOptions| options.conversion().unwrap_err().name;
-        assert_eq!(options(SpacingKind::Net, None, None).conversion().unwrap().spacing.excess_m(), 0.0);
-        assert_eq!(options(SpacingKind::Front, Some(4.0), None).conversion().unwrap().spacing.excess_m(), 4.0);
-        assert_eq!(options(SpacingKind::Centre, Some(4.0), Some(5.0)).conversion().unwrap().spacing.excess_m(), 4.5);
+        let missing = |options: UploadOptions| options.conversion(Format::Csv).unwrap_err().name;
+        assert_eq!(options(SpacingKind::Net, None, None).conversion(Format::Csv).unwrap().spacing.excess_m(), 0.0);
+        assert_eq!(
+            options(SpacingKind::Front, Some(4.0), None).conversion(Format::Csv).unwrap().spacing.excess_m(),
+            4.0
+        );
+        assert_eq!(
+            options(SpacingKind::Centre, Some(4.0), Some(5.0)).conversion(Format::Csv).unwrap().spacing.excess_m(),
+            4.5
+        );
         assert_eq!(missing(options(SpacingKind::Front, None, Some(4.0))), "leader_length_m");
         assert_eq!(missing(options(SpacingKind::Centre, Some(4.0), None)), "follower_length_m");
         assert_eq!(missing(options(SpacingKind::Net, Some(-4.0), None)), "leader_length_m");
+    }
+
+    #[test]
+    fn arrays_have_follownets_step_unless_the_upload_says_another() {
+        let step = |dt_s, format| UploadOptions { dt_s, ..UploadOptions::default() }.conversion(format).unwrap().dt_s;
+        assert_eq!(step(None, Format::Npy), Some(0.1));
+        assert_eq!(step(Some(0.04), Format::Npy), Some(0.04));
+        assert_eq!(step(None, Format::Csv), None);
     }
 }

@@ -6,8 +6,10 @@ use bytes::Bytes;
 use futures_util::stream;
 
 use super::*;
+use crate::car_following::Recording;
 use crate::consolidation::Method;
-use crate::formats::{Encoding, Format, FormatError, Preset};
+use crate::formats::tests::encode::encode;
+use crate::formats::{Encoding, Format, FormatError, Origin, Preset, RawEvent};
 use crate::lineage::{EventCounts, ModelSettings, RegimeRule};
 use crate::store::Actor;
 use crate::store::fixture::{Fixture, now, regime};
@@ -122,6 +124,70 @@ async fn of_copies_the_first_is_stored_and_the_others_are_counted() {
     assert!(copies.accepted == 0 && !copies.holds_nothing());
     let batch = fixture.store.batch(model_id, copies.batch_id).await.unwrap().unwrap();
     assert_eq!((batch.accepted, batch.duplicates, batch.rejected), (0, 2, 0));
+}
+
+/// An upload of `body`, which says no step of its own where it is FollowNet's array.
+async fn of_format(model_id: i64, format: Format, body: Vec<u8>) -> Upload {
+    let body = spool(stream::iter([Ok::<_, ()>(Bytes::from(body))]), &IngestSettings::default()).await.unwrap();
+    let (model, options) = (ModelSettings::default(), UploadOptions::default());
+    Upload { model_id, model, format, encoding: Encoding::Identity, options, body, received_at: now() }
+}
+
+/// As `FollowNet` has them: numbers of four decimals, of lengths that differ.
+fn recorded(number: u32) -> RawEvent {
+    let steps = 150 + number;
+    let of = |f: &dyn Fn(f64) -> f64| -> Vec<f64> {
+        (0..steps).map(|step| (f(f64::from(step) * 0.1) * 1e4).round() / 1e4).collect()
+    };
+    let (phase, closing) = (f64::from(number) * 0.7, 0.3);
+    let follower = of(&|t| 12.0 + (0.4 * t + phase).sin());
+    let rel = of(&|_| -closing);
+    RawEvent {
+        index: number.into(),
+        event_id: number.to_string(),
+        source: None,
+        run: None,
+        split: None,
+        recording: Recording {
+            dt_s: Some(0.1),
+            t_s: None,
+            spacing_m: of(&|t| 30.0 - closing * t),
+            leader_speed_mps: follower.iter().zip(&rel).map(|(v, rel)| ((v + rel) * 1e4).round() / 1e4).collect(),
+            follower_speed_mps: follower,
+            rel_speed_mps: Some(rel),
+        },
+        origin: Origin::Entry(number.into()),
+    }
+}
+
+#[tokio::test]
+async fn the_same_events_are_the_same_bytes_in_every_format_and_copies_of_one_another() {
+    const FORMATS: [Format; 5] = [Format::Npy, Format::Csv, Format::Parquet, Format::Json, Format::Ndjson];
+    let events: Vec<_> = (0..9).map(recorded).collect();
+    let settings = IngestSettings::default();
+    let mut contents = Vec::new();
+    for format in FORMATS {
+        let examined = examine(of_format(1, format, encode(&events, format)).await, &settings, u64::MAX).await.unwrap();
+        assert_eq!((examined.events.len(), examined.rejected_count), (9, 0), "{format:?}: {:?}", examined.rejected);
+        let bytes: Vec<_> = examined
+            .events
+            .iter()
+            .map(|arrived| (arrived.name.clone(), arrived.event.to_bytes(), arrived.split))
+            .collect();
+        contents.push(bytes);
+    }
+    assert!(contents.iter().all(|content| *content == contents[0]));
+    let fixture = Fixture::new().await;
+    for first in FORMATS {
+        let model_id = fixture.model(&format!("{first:?}"), Method::Naive, &ModelSettings::default()).await;
+        for (nth, format) in [first].into_iter().chain(FORMATS).enumerate() {
+            let upload = of_format(model_id, format, encode(&events, format)).await;
+            let received = receive(&fixture.store, &Actor::local(), upload, &settings).await.unwrap();
+            received.transaction.commit().await.unwrap();
+            let (accepted, duplicates) = (received.receipt.accepted, received.receipt.duplicates);
+            assert_eq!((accepted, duplicates), if nth == 0 { (9, 0) } else { (0, 9) }, "{format:?} after {first:?}");
+        }
+    }
 }
 
 #[tokio::test]

@@ -2,6 +2,7 @@
 
 mod artifact;
 mod text;
+mod npy;
 mod parquet;
 mod road;
 
@@ -50,6 +51,18 @@ fn all() -> Vec<Seed> {
     }
     for (name, body) in road::documents() {
         add("fcd", name, body.into_bytes());
+    }
+    for (name, body) in npy::good() {
+        add("npy", &name, body);
+    }
+    for (name, body) in npy::lies() {
+        add("npy", &format!("lie-{name}"), body);
+    }
+    for (name, body) in npy::gadgets() {
+        add("npy", &format!("gadget-{name}"), body);
+    }
+    for (name, body) in npy::bombs() {
+        add("npy", &format!("bomb-{name}"), body);
     }
     for (name, body) in parquet::files() {
         add("parquet", &name, body);

@@ -15,6 +15,7 @@ pub(crate) const JSON: &str = "application/json";
 pub(crate) const LINES: &str = "application/x-ndjson";
 pub(crate) const CSV: &str = "text/csv";
 pub(crate) const PARQUET: &str = "application/vnd.apache.parquet";
+const ARRAY: &str = "application/x-npy";
 const MODEL: &str = "/v1/models/default";
 
 /// The server is as it was: it answers, and takes an honest upload.
@@ -62,6 +63,31 @@ async fn json_nested_without_end_is_refused_wherever_it_comes() {
             }
         }
     }
+    still_well(&server, "after").await;
+    server.stop().await;
+}
+
+#[tokio::test]
+async fn pickles_that_would_run_something_or_take_everything_are_refused() {
+    let server = Server::start().await;
+    let corpus = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("fuzz/corpus/npy");
+    let mut refused_of = [0; 3];
+    for entry in std::fs::read_dir(corpus).unwrap() {
+        let path = entry.unwrap().path();
+        let name = path.file_name().unwrap().to_str().unwrap();
+        let kinds = ["seed-gadget-", "seed-bomb-", "seed-lie-"];
+        let Some(kind) = kinds.iter().position(|kind| name.starts_with(kind)) else { continue };
+        let answer =
+            post(&server, &format!("{MODEL}/batches?preset=follownet"), ARRAY, std::fs::read(&path).unwrap()).await;
+        refused(&answer, name);
+        if kind == 0 {
+            answer.expect_problem(422, "invalid_body");
+        }
+        refused_of[kind] += 1;
+    }
+    assert!(refused_of.iter().all(|&count| count > 30), "{refused_of:?}");
+    assert!(!std::path::Path::new("headway-ran-this").exists());
+    assert_eq!(server.get(&format!("{MODEL}/batches")).await.expect(200)["batches"], json!([]));
     still_well(&server, "after").await;
     server.stop().await;
 }

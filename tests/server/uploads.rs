@@ -217,7 +217,8 @@ async fn a_body_that_is_cut_or_broken_stores_nothing() {
         ("application/vnd.apache.parquet", None, parquet[..parquet.len() - 10].to_vec(), 400),
         ("application/json", None, br#"{"events": 3}"#.to_vec(), 422),
         ("application/json", None, br#"{"events": [], "colour": 1}"#.to_vec(), 422),
-        ("application/x-npy", None, vec![], 501),
+        ("application/x-npy", None, vec![], 400),
+        ("application/x-npy", None, b"\x93NUMPY\x01\0".to_vec(), 400),
         ("application/xml", None, b"<fcd-export><timestep time='0'>".to_vec(), 400),
         ("application/xml", None, b"<!DOCTYPE a><fcd-export/>".to_vec(), 400),
         ("application/xml", None, b"<tripinfos/>".to_vec(), 422),
@@ -227,6 +228,23 @@ async fn a_body_that_is_cut_or_broken_stores_nothing() {
         send(&server, "", kind, encoding, body).await.expect(status);
     }
     assert_eq!(server.get(PATH).await.expect(200)["batches"], json!([]));
+    server.stop().await;
+}
+
+#[tokio::test]
+async fn follownets_arrays_are_taken_as_numpy_writes_them() {
+    let server = Server::start().await;
+    let golden = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden/npy");
+    let read = |name: &str| std::fs::read(golden.join(name)).unwrap();
+    let send = |options, body| send(&server, options, "application/x-npy", None, body);
+    let first = send("?preset=follownet&source=waymo", read("saved-numpy2.npy")).await.expect(201);
+    assert_eq!((&first["accepted"], &first["rejected_count"]), (&json!(3), &json!(0)), "{}", first.text);
+    assert_eq!(first["summary"]["steps"], 39);
+    for same in ["saved-numpy1.npy", "arrays-5-numpy2.npy", "scalars-2-numpy1.npy", "singles-4-numpy2.npy"] {
+        assert_eq!(send("", read(same)).await.expect(201)["duplicates"], 3, "{same}");
+    }
+    assert_eq!(send("?dt_s=0.12", read("saved-numpy2.npy")).await.expect(201)["accepted"], 3);
+    send("?preset=ngsim", read("saved-numpy2.npy")).await.expect_problem(422, "invalid_body");
     server.stop().await;
 }
 

@@ -30,12 +30,13 @@ const fn target(name: &'static str, run: fn(&[u8])) -> Target {
 }
 
 /// Every target.
-pub const ALL: [Target; 12] = [
+pub const ALL: [Target; 13] = [
     target("json", uploads::json),
     target("ndjson", uploads::ndjson),
     target("csv", uploads::csv),
     target("parquet", uploads::parquet),
     target("fcd", uploads::fcd),
+    target("npy", uploads::npy),
     target("encodings", encodings::run),
     target("predict", predict::run),
     target("bodies", bodies::run),

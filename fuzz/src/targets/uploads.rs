@@ -56,6 +56,10 @@ pub(super) fn fcd(data: &[u8]) {
     one_way(data, Format::Xml);
 }
 
+pub(super) fn npy(data: &[u8]) {
+    one_way(data, Format::Npy);
+}
+
 /// A body in one format and, where that can say the same, what it says in all the others.
 fn one_way(data: &[u8], format: Format) {
     // Tabular bodies under every preset: the first byte of neither format is so small.

@@ -20,6 +20,7 @@ pub(crate) fn encode(events: &[RawEvent], format: Format) -> Vec<u8> {
         Format::Ndjson => events.iter().flat_map(|event| format!("{}\n", json_event(event)).into_bytes()).collect(),
         Format::Csv => csv(events),
         Format::Parquet => parquet(events),
+        Format::Npy => super::npy::array(events),
         Format::Xml => unreachable!("events cannot be said in it"),
     }
 }
