@@ -60,6 +60,7 @@ impl Format {
             "csv" => Self::Csv,
             "parquet" => Self::Parquet,
             "xml" => Self::Xml,
+            "npy" => Self::Npy,
             _ => return None,
         };
         Some((format, encoding))
@@ -129,6 +130,7 @@ mod tests {
         let of = |name: &str| Format::of_file(Path::new(name));
         assert_eq!(of("a/b.c/events.CSV"), Some((Format::Csv, Encoding::Identity)));
         assert_eq!(of("fcd.xml.gz"), Some((Format::Xml, Encoding::Gzip)));
+        assert_eq!(of("waymo.npy"), Some((Format::Npy, Encoding::Identity)));
         assert_eq!(of("x.jsonl.zst"), Some((Format::Ndjson, Encoding::Zstd)));
         assert_eq!([of("events"), of("events.gz"), of("events.txt"), of("csv/")], [None; 4]);
     }

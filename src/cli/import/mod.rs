@@ -27,8 +27,8 @@ use report::{Outcome, Report};
 /// What `headway import` can be told.
 #[derive(Debug, Args)]
 pub(super) struct ImportArguments {
-    /// Files of events, or recordings of whole roads: .json, .ndjson, .jsonl, .csv, .parquet or .xml (SUMO FCD), each also
-    /// with .gz or .zst behind it
+    /// Files of events, or recordings of whole roads: .json, .ndjson, .jsonl, .csv, .parquet, .npy (FollowNet) or .xml (SUMO
+    /// FCD), each also with .gz or .zst behind it
     #[arg(value_name = "FILE", required = true)]
     files: Vec<PathBuf>,
     /// Into which model
@@ -120,7 +120,7 @@ struct Upload<'a> {
 impl<'a> Upload<'a> {
     fn open(path: &'a Path, options: UploadOptions) -> anyhow::Result<Self> {
         let (format, encoding) = Format::of_file(path).context(
-            "its name ends in none of .json, .ndjson, .jsonl, .csv, .parquet and .xml, with .gz or .zst or without",
+            "its name ends in none of .json, .ndjson, .jsonl, .csv, .parquet, .npy and .xml, with .gz or .zst or without",
         )?;
         let file = File::open(path)?;
         let about = file.metadata()?;
