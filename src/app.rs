@@ -17,11 +17,11 @@ use tokio::task::JoinHandle;
 use tokio::time::{Instant, timeout_at};
 
 use crate::config::Config;
-use crate::http::{AppState, Evaluator, InFlight, Interface, Refusals, RequestIds, Tls, connections, tally};
-use crate::predictor::{Predictor, TrialSettings};
+use crate::http::{AppState, Evaluator, InFlight, Interface, Refusals, RequestIds, Tls, Unloaded, connections, tally};
+use crate::predictor::{Predictor, Sequences, TrialSettings};
 use crate::scheduler::{Scheduler, Training, step_back};
 use crate::store::Store;
-use crate::telemetry::Metrics;
+use crate::telemetry::{Metrics, Statistics};
 use crate::upkeep::Upkeep;
 
 /// Serves on `listener` until `shutdown` resolves; then requests under way may end and training writes its checkpoint,
@@ -81,6 +81,7 @@ async fn assemble(
     let store = Arc::new(Store::open(&config.database).await?);
     let gate = first_key::gate(&store, &config, address).await?;
     store.ensure_default_model(&config.model).await?;
+    let sequences = Arc::new(Sequences::new(&config.predict));
     let predictor = Arc::new(Predictor::new(Arc::clone(&store), config.predict));
     predictor.load_all().await?;
     let learner = Box::new(Training);
@@ -104,6 +105,9 @@ async fn assemble(
         backup_slot: slots(1),
         body_room: slots(config.server.json_bodies_bytes as usize),
         ingest: config.ingest,
+        sequences,
+        unloaded: Unloaded::default(),
+        statistics: Statistics::new(config.server.counted_versions),
         metrics: Metrics::new(config.server.counted_versions, config.server.counted_regimes),
         settings: config.server,
         model_defaults: config.model,
@@ -159,8 +163,8 @@ impl Parts {
         stopping: watch::Receiver<bool>,
         background: &Background,
     ) -> Self {
-        let (scheduler, metrics) = (state.scheduler.clone(), state.metrics.clone());
-        background.spawn(tidied(metrics));
+        let scheduler = state.scheduler.clone();
+        background.spawn(tidied(state.metrics.clone(), Arc::clone(&state.sequences)));
         let (interface, settings) = (Interface::new(Arc::clone(&state)), state.settings.clone());
         let server = async move { connections::serve(listener, tls, interface, &settings, stopping).await };
         Self {
@@ -183,12 +187,13 @@ impl Parts {
     }
 }
 
-/// Keeps the metrics from growing with every request where nobody reads them.
-async fn tidied(metrics: Metrics) {
+/// Keeps the metrics from growing with every request where nobody reads them, and lets go of vehicles that went.
+async fn tidied(metrics: Metrics, sequences: Arc<Sequences>) {
     let mut every = tokio::time::interval(Duration::from_secs(1));
     loop {
         every.tick().await;
         metrics.tidy();
+        sequences.tidy();
     }
 }
 

@@ -8,6 +8,8 @@ mod driving;
 mod panics;
 /// Predictions by version.
 mod predictions;
+/// What the inference protocol tells of versions.
+mod statistics;
 
 use std::collections::HashMap;
 use std::sync::{Arc, PoisonError, RwLock};
@@ -23,6 +25,7 @@ use tracing_subscriber::fmt;
 
 pub use panics::log_panics;
 pub use predictions::PredictionKind;
+pub use statistics::{InferenceTimes, Statistics, Timed, VersionStatistics};
 
 use crate::lineage::{RegimeEvaluation, TaskState};
 use crate::predictor::Flag;

@@ -17,6 +17,15 @@ pub struct Sequence {
     inputs: Vec<f32>,
 }
 
+impl Sequence {
+    /// The last `horizon` steps, oldest first; the first ever seen stands for those before it. None while nothing was seen.
+    pub fn recent(&self) -> impl Iterator<Item = Seen> + '_ {
+        let horizon = self.recent.len();
+        let steps = if self.read == 0 { 0 } else { horizon };
+        (0..steps).map(move |back| self.recent[(self.read + back) % horizon])
+    }
+}
+
 impl Driver {
     /// A vehicle of which nothing was seen yet.
     #[must_use]

@@ -73,9 +73,20 @@ impl<T: DeserializeOwned + Send + 'static> FromRequest<Arc<AppState>> for JsonBo
 }
 
 /// A body in memory, and the room it takes of what all of them may.
-struct Held {
-    bytes: Bytes,
+pub(super) struct Held {
+    pub(super) bytes: Bytes,
     _room: Option<OwnedSemaphorePermit>,
+}
+
+impl Held {
+    /// These bytes, with room for what they take.
+    ///
+    /// # Errors
+    /// 503 when there is none.
+    pub(super) fn of(bytes: Vec<u8>, app: &AppState) -> Result<Self, Problem> {
+        let room = room(app, bytes.len())?;
+        Ok(Self { bytes: bytes.into(), _room: Some(room) })
+    }
 }
 
 /// Room for so many more bytes of bodies.
@@ -96,6 +107,18 @@ where
     if !says_json(headers) {
         return Err(Code::UnsupportedMediaType.because("this call takes application/json"));
     }
+    read_whole(headers, body, app).await
+}
+
+/// The whole of a body of whatever type, within `json_body_bytes`; not copied when it came in one piece.
+///
+/// # Errors
+/// When it is too large, stalls or breaks off.
+pub(super) async fn read_whole<B>(headers: &HeaderMap, body: B, app: &AppState) -> Result<Held, Problem>
+where
+    B: HttpBody<Data = Bytes>,
+    B::Error: Display,
+{
     let (limit, mut pace) = (app.settings.json_body_bytes, Pace::of(&app.settings));
     refuse_declared_excess(headers, limit)?;
     let within = |bytes: usize| if bytes as u64 > limit { Err(too_large(limit)) } else { Ok(()) };

@@ -23,11 +23,21 @@ use super::problem::{Code, Problem, RequestContext};
 use super::refusals::Refusals;
 use super::route::Needs;
 use super::shield::shield;
+use super::v2;
 use crate::access::{Class, Standing};
 
 /// Routes that may be called thousands of times a second, or by whoever has no key: unless something is wrong, their log lines are
 /// for `debug`.
-const OFTEN: [&str; 4] = [predict::ROUTE, "/v1/models/{model}/simulate", "/healthz", "/readyz"];
+const OFTEN: [&str; 8] = [
+    predict::ROUTE,
+    "/v1/models/{model}/simulate",
+    "/v2/models/{model}/infer",
+    "/v2/models/{model}/versions/{version}/infer",
+    "/healthz",
+    "/readyz",
+    "/v2/health/live",
+    "/v2/health/ready",
+];
 
 pub(super) const REQUEST_ID: HeaderName = HeaderName::from_static("x-request-id");
 
@@ -160,7 +170,11 @@ impl<'a> Observation<'a> {
             if let Some(cause) = problem.cause() {
                 self.span.in_scope(|| tracing::error!(cause, "request failed"));
             }
-            answer = problem.answer(&self.context()).into_response();
+            answer = match self.path {
+                path if v2::is_under(path) => v2::refused(&problem, &self.context()),
+                _ => problem.answer(&self.context()),
+            }
+            .into_response();
         }
         let (status, elapsed_s) = (answer.status(), self.began.elapsed().as_secs_f64());
         self.app.metrics.http_request(self.route, counted(&self.method), status.as_u16(), elapsed_s);
@@ -222,7 +236,8 @@ pub(super) fn acceptable(headers: &HeaderMap, route: &str) -> Result<(), Problem
         "/openapi.yaml" => &["application/yaml"],
         "/docs" => &["text/html"],
         "/docs/{file}" => return Ok(()),
-        route if route.ends_with("/artifact") => return Ok(()),
+        // Clients of the protocol say what they decompress, and nothing of types.
+        route if v2::is_under(route) || route.ends_with("/artifact") => return Ok(()),
         _ => &["application/json", "application/problem+json"],
     };
     let mut accepts =

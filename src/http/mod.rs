@@ -81,6 +81,8 @@ mod tasks;
 mod tls;
 /// Requests that are answered whoever still listens.
 mod to_the_end;
+/// The Open Inference Protocol.
+mod v2;
 /// What tasks made.
 mod versions;
 /// Integers in bodies.
@@ -108,15 +110,16 @@ pub use problem::Code;
 pub use refusals::Refusals;
 pub use settings::ServerSettings;
 pub use tls::{Tls, TlsSettings};
+pub use v2::Unloaded;
 
 use crate::access::Scope;
 use crate::ingest::IngestSettings;
 use crate::lineage::ModelSettings;
-use crate::predictor::Predictor;
+use crate::predictor::{Predictor, Sequences};
 use crate::scheduler::Scheduler;
 use crate::store::Store;
 use crate::store::backup::BackupSettings;
-use crate::telemetry::Metrics;
+use crate::telemetry::{Metrics, Statistics};
 use problem::Problem;
 use route::{Route, at};
 use to_the_end::to_the_end;
@@ -132,6 +135,12 @@ pub struct AppState {
     pub scheduler: Scheduler,
     /// Loaded versions.
     pub predictor: Arc<Predictor>,
+    /// Vehicles that are answered step by step.
+    pub sequences: Arc<Sequences>,
+    /// Models that the inference protocol does not answer for.
+    pub unloaded: Unloaded,
+    /// What the inference protocol tells of versions.
+    pub statistics: Statistics,
     /// What an upload may be.
     pub ingest: IngestSettings,
     /// Where copies of the database go.
@@ -210,6 +219,23 @@ fn routes() -> Vec<Route> {
         at("/v1/models/{model}/history").get(AnyKey, serving::history),
         at(predict::ROUTE).post(predict::NEED, predict::predict),
         at("/v1/models/{model}/simulate").post(May(Predict), predict::simulate),
+        at("/v2").get(Nothing, v2::server),
+        at("/v2/health/live").get(Nothing, v2::live),
+        at("/v2/health/ready").get(Nothing, v2::ready),
+        at("/v2/models/stats").get(EveryModel, v2::all_statistics),
+        at("/v2/models/{model}").get(AnyKey, v2::model),
+        at("/v2/models/{model}/versions/{version}").get(AnyKey, v2::model),
+        at("/v2/models/{model}/ready").get(AnyKey, v2::model_ready),
+        at("/v2/models/{model}/versions/{version}/ready").get(AnyKey, v2::model_ready),
+        at("/v2/models/{model}/config").get(AnyKey, v2::config),
+        at("/v2/models/{model}/versions/{version}/config").get(AnyKey, v2::config),
+        at("/v2/models/{model}/stats").get(AnyKey, v2::statistics),
+        at("/v2/models/{model}/versions/{version}/stats").get(AnyKey, v2::statistics),
+        at("/v2/models/{model}/infer").post(May(Predict), v2::infer),
+        at("/v2/models/{model}/versions/{version}/infer").post(May(Predict), v2::infer),
+        at("/v2/repository/index").post(AnyKey, v2::index),
+        at("/v2/repository/models/{model}/load").post(May(Train), v2::load),
+        at("/v2/repository/models/{model}/unload").post(May(Train), v2::unload),
     ]
 }
 

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use axum::extract::{FromRequestParts, RawPathParams};
+use axum::extract::{FromRequestParts, MatchedPath, RawPathParams};
 use axum::http::request::Parts;
 
 use super::AppState;
@@ -41,6 +41,22 @@ pub(super) struct CodeAt(pub Code);
 /// The version a path names: `3`.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct VersionAt(pub i64);
+
+/// The version a path names, where it names one.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct MaybeVersionAt(pub Option<i64>);
+
+impl FromRequestParts<Arc<AppState>> for MaybeVersionAt {
+    type Rejection = Problem;
+
+    async fn from_request_parts(parts: &mut Parts, app: &Arc<AppState>) -> Result<Self, Problem> {
+        let names_one = parts.extensions.get::<MatchedPath>().is_some_and(|path| path.as_str().contains("{version}"));
+        if !names_one {
+            return Ok(Self(None));
+        }
+        VersionAt::from_request_parts(parts, app).await.map(|VersionAt(version)| Self(Some(version)))
+    }
+}
 
 impl FromRequestParts<Arc<AppState>> for ModelAt {
     type Rejection = Problem;

@@ -20,7 +20,7 @@ use super::whole::Whole;
 use super::{AppState, ServerSettings};
 use crate::access::Scope;
 use crate::driver::Window;
-use crate::predictor::{PredictError, Prediction, Simulated};
+use crate::predictor::{Loaded, PredictError, Prediction, Simulated};
 use crate::telemetry::PredictionKind;
 
 /// Where predictions are asked.
@@ -186,22 +186,56 @@ pub(super) async fn predict(
 /// When it cannot be answered.
 pub(super) async fn answer(app: &AppState, model: &ServedAt, body: PredictBody) -> Result<Response, Problem> {
     body.check_count(&app.settings)?;
-    let long = body.windows.len() > app.predictor.settings().inline_windows;
-    let _slot = if long { Some(slot(&app.prediction_slots)?) } else { None };
-    let loaded = app
-        .predictor
-        .version(model.model_id, body.version.map(|Whole(version)| version))
-        .await
-        .map_err(|e| refusal(model, e))?;
+    let _slot = slot_for(app, body.windows.len())?;
+    let loaded = load(app, model, body.version.map(|Whole(version)| version)).await?;
     let windows = body.windows(loaded.horizon(), &app.settings)?;
+    let version = loaded.version();
+    let predictions = compute(app, model, loaded, windows).await?;
+    Ok(ok_json(&Predicted { model: &model.name, version, predictions }))
+}
+
+/// A turn for a request of so many windows; small ones need none.
+///
+/// # Errors
+/// 503 when as many large ones as may be are under way.
+pub(super) fn slot_for(app: &AppState, windows: usize) -> Result<Option<OwnedSemaphorePermit>, Problem> {
+    let large = windows > app.predictor.settings().inline_windows;
+    large.then(|| slot(&app.prediction_slots)).transpose()
+}
+
+/// The version that answers: the named one, else what serves.
+///
+/// # Errors
+/// When there is none, or it cannot be loaded.
+pub(super) async fn load(app: &AppState, model: &ServedAt, version: Option<i64>) -> Result<Arc<Loaded>, Problem> {
+    app.predictor.version(model.model_id, version).await.map_err(|e| refusal(model, e))
+}
+
+/// What a version answers for windows, counted.
+///
+/// # Errors
+/// When too many wait, or it is not finite.
+pub(super) async fn compute(
+    app: &AppState,
+    model: &ServedAt,
+    loaded: Arc<Loaded>,
+    windows: Vec<Window>,
+) -> Result<Vec<Prediction>, Problem> {
     let (version, began) = (loaded.version(), Instant::now());
     let predictions = app.predictor.predict(loaded, windows).await.map_err(|e| refusal(model, e))?;
+    check_finite(version, &predictions)?;
+    let flags = predictions.iter().map(|prediction| prediction.flags.as_slice());
+    app.metrics.predicted(&model.name, version, PredictionKind::Windows, began.elapsed(), flags);
+    Ok(predictions)
+}
+
+/// # Errors
+/// 500 for what no client may see.
+pub(super) fn check_finite(version: i64, predictions: &[Prediction]) -> Result<(), Problem> {
     if predictions.iter().any(|p| !p.accel_mps2.is_finite() || !p.raw_accel_mps2.is_finite()) {
         return Err(Problem::internal(format!("version {version} predicts a number that is not finite")));
     }
-    let flags = predictions.iter().map(|prediction| prediction.flags.as_slice());
-    app.metrics.predicted(&model.name, version, PredictionKind::Windows, began.elapsed(), flags);
-    Ok(ok_json(&Predicted { model: &model.name, version, predictions }))
+    Ok(())
 }
 
 /// `POST /v1/models/{model}/simulate`
@@ -212,11 +246,7 @@ pub(super) async fn simulate(
 ) -> Result<Response, Problem> {
     body.check_count(&app.settings)?;
     let _slot = slot(&app.prediction_slots)?;
-    let loaded = app
-        .predictor
-        .version(model.model_id, body.version.map(|Whole(version)| version))
-        .await
-        .map_err(|e| refusal(&model, e))?;
+    let loaded = load(&app, &model, body.version.map(|Whole(version)| version)).await?;
     let (initial, leader_speed_mps) = body.start(loaded.horizon(), &app.settings)?;
     let (version, began) = (loaded.version(), Instant::now());
     let drive = app.predictor.simulate(loaded, initial, leader_speed_mps).await;
@@ -230,7 +260,8 @@ pub(super) async fn simulate(
     Ok(ok_json(&Simulation { model: &model.name, version, drive }))
 }
 
-fn refusal(model: &ServedAt, error: PredictError) -> Problem {
+/// Why nothing is predicted.
+pub(super) fn refusal(model: &ServedAt, error: PredictError) -> Problem {
     match error {
         PredictError::NoLiveVersion => Code::NoLiveVersion.because(format!("nothing of {} serves yet", model.name)),
         PredictError::UnknownVersion(version) => versions::missing(&model.name, version),

@@ -10,6 +10,9 @@ mod error;
 mod large;
 mod loaded;
 mod recent;
+mod sequences;
+#[cfg(test)]
+mod sequences_tests;
 mod serving;
 mod settings;
 mod sync;
@@ -21,6 +24,7 @@ mod vehicle;
 pub use answer::{Flag, Prediction, Simulated};
 pub use error::PredictError;
 pub use loaded::Loaded;
+pub use sequences::{SequenceError, SequenceId, Sequences};
 pub use serving::{Degraded, Predictor};
 pub use settings::{PredictorSettings, TrialSettings};
 pub use trial::{Scope, Trial, TriedReference, TriedRegime, TriedVersion};

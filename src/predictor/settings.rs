@@ -50,17 +50,23 @@ pub struct PredictorSettings {
     pub waiting_windows: usize,
     /// Threads that compute large requests, shared by all of them; 0 takes as many as there are cores.
     pub threads: usize,
+    /// Vehicles that are answered step by step at once.
+    pub sequences: usize,
+    /// A vehicle of which no step comes for so long has ended, s.
+    pub sequence_idle_s: f64,
 }
 
 impl PredictorSettings {
     /// Every number, and the range it must lie in.
     #[must_use]
-    pub fn numbers(&self) -> [(&'static str, f64, RangeInclusive<f64>); 4] {
+    pub fn numbers(&self) -> [(&'static str, f64, RangeInclusive<f64>); 6] {
         [
             ("named_versions", self.named_versions as f64, 0.0..=10_000.0),
             ("inline_windows", self.inline_windows as f64, 0.0..=1e6),
             ("waiting_windows", self.waiting_windows as f64, 1.0..=1e6),
             ("threads", self.threads as f64, 0.0..=1024.0),
+            ("sequences", self.sequences as f64, 0.0..=1e7),
+            ("sequence_idle_s", self.sequence_idle_s, 0.01..=86_400.0),
         ]
     }
 

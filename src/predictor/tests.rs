@@ -61,7 +61,14 @@ fn outcome(settings: &ModelSettings, weight: f32, judged_against: Option<i64>) -
 }
 
 pub(super) async fn predictor(fixture: &Fixture) -> Predictor {
-    let settings = PredictorSettings { named_versions: 1, inline_windows: 1, waiting_windows: 64, threads: 3 };
+    let settings = PredictorSettings {
+        named_versions: 1,
+        inline_windows: 1,
+        waiting_windows: 64,
+        threads: 3,
+        sequences: 2,
+        sequence_idle_s: 60.0,
+    };
     let predictor = Predictor::new(Arc::clone(&fixture.store), settings);
     assert!(!predictor.ready(), "nothing is ready before it was looked for");
     predictor.load_all().await.unwrap();

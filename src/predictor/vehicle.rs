@@ -30,6 +30,16 @@ impl Vehicle {
         self.loaded.version()
     }
 
+    /// The same vehicle on its way through another version: that one reads the last steps anew.
+    #[must_use]
+    pub fn moved_to(&self, loaded: Arc<Loaded>) -> Self {
+        let mut moved = Self { seen: self.seen.min(loaded.horizon()), ..Self::new(loaded) };
+        for step in self.sequence.recent() {
+            moved.read(step);
+        }
+        moved
+    }
+
     /// What [`Loaded::predict`] answers for the last `horizon` steps, of which this is the newest. Until they are in, the
     /// first step stands for the missing ones, and the answer is flagged.
     ///
@@ -40,14 +50,21 @@ impl Vehicle {
         finite(0, "follower_speed_mps", &[follower_speed_mps])?;
         finite(0, "leader_speed_mps", &[leader_speed_mps])?;
         finite(0, "spacing_m", &[spacing_m])?;
-        let (driver, horizon) = (&self.loaded.driver, self.loaded.horizon());
-        let raw_mps2 = driver.next_acceleration(&mut self.sequence, now);
-        self.out_of_range = self.out_of_range.saturating_sub(1);
-        if out_of_range(driver.scaling(), now) {
-            self.out_of_range = horizon;
-        }
+        let raw_mps2 = self.read(now);
+        let horizon = self.loaded.horizon();
         self.seen = horizon.min(self.seen + 1);
         let warming_up = (self.seen < horizon, Flag::WarmingUp);
         Ok(self.loaded.answer(raw_mps2, now, &[(self.out_of_range > 0, Flag::OutOfRange), warming_up]))
+    }
+
+    /// The network's acceleration after this step, m/s².
+    fn read(&mut self, now: Seen) -> f32 {
+        let driver = &self.loaded.driver;
+        let raw_mps2 = driver.next_acceleration(&mut self.sequence, now);
+        self.out_of_range = self.out_of_range.saturating_sub(1);
+        if out_of_range(driver.scaling(), now) {
+            self.out_of_range = self.loaded.horizon();
+        }
+        raw_mps2
     }
 }

@@ -98,6 +98,19 @@ impl Store {
         rows.iter().map(version_from).collect()
     }
 
+    /// Numbers of up to `limit` of the model's newest versions, in order.
+    ///
+    /// # Errors
+    /// When the database fails.
+    pub async fn newest_versions(&self, model_id: i64, limit: u32) -> Result<Vec<i64>, StoreError> {
+        let rows = query("select version from version where model_id = ? order by version desc limit ?")
+            .bind(model_id)
+            .bind(limit)
+            .fetch_all(&self.readers)
+            .await?;
+        rows.iter().rev().map(|row| Ok(row.try_get(0)?)).collect()
+    }
+
     /// The live version of every model that has one: row ids of models, and versions.
     ///
     /// # Errors

@@ -17,15 +17,18 @@ pub enum PredictionKind {
     Windows,
     /// A vehicle behind a leader.
     Simulation,
+    /// A vehicle's newest step.
+    Step,
 }
 
 impl PredictionKind {
-    const ALL: [Self; 2] = [Self::Windows, Self::Simulation];
+    const ALL: [Self; 3] = [Self::Windows, Self::Simulation, Self::Step];
 
     fn as_str(self) -> &'static str {
         match self {
             Self::Windows => "predict",
             Self::Simulation => "simulate",
+            Self::Step => "step",
         }
     }
 }
@@ -131,7 +134,7 @@ impl Predictions {
             }
         };
         let name = "headway_predictions_total";
-        metric(name, "counter", "Windows predicted and simulations driven.", &|tally, labels, text| {
+        metric(name, "counter", "Windows and steps predicted, simulations driven.", &|tally, labels, text| {
             let count = tally.count.load(Ordering::Relaxed);
             if count > 0 {
                 let _ = writeln!(text, "{name}{{{labels}}} {count}");

@@ -169,6 +169,7 @@ async fn list(server: &Server) {
     {
         server.get(&format!("/v1/models{path}")).await.expect(200);
     }
+    server.get("/v2/models/ewc").await.expect(200);
     server.get("/metrics").await.expect(200);
     server.get("/readyz").await.expect(200);
 }

@@ -47,8 +47,14 @@ struct Known {
 impl World {
     async fn begin() -> Arc<Self> {
         let store = Arc::new(Store::new(1));
-        let settings =
-            PredictorSettings { named_versions: 1, inline_windows: INLINE, waiting_windows: WAITING, threads: 2 };
+        let settings = PredictorSettings {
+            named_versions: 1,
+            inline_windows: INLINE,
+            waiting_windows: WAITING,
+            threads: 2,
+            sequences: 2,
+            sequence_idle_s: 60.0,
+        };
         let predictor = Predictor::new(Arc::clone(&store), settings);
         predictor.load_all().await.unwrap();
         Arc::new(Self { store, predictor, known: Mutex::default() })

@@ -59,8 +59,19 @@ fn strangers(expired: &str, revoked: &str) -> Vec<(&'static str, Vec<String>)> {
 }
 
 /// Whether it is well, and what it is: whoever may connect may know.
-const OPEN: [&str; 8] =
-    ["/healthz", "/readyz", "/openapi.json", "/openapi.yaml", "/docs", "/docs/{file}", "/problems", "/problems/{code}"];
+const OPEN: [&str; 11] = [
+    "/healthz",
+    "/readyz",
+    "/openapi.json",
+    "/openapi.yaml",
+    "/docs",
+    "/docs/{file}",
+    "/problems",
+    "/problems/{code}",
+    "/v2",
+    "/v2/health/live",
+    "/v2/health/ready",
+];
 
 fn filled(template: &str) -> String {
     template
@@ -124,7 +135,7 @@ async fn no_route_of_the_contract_lets_anybody_in_who_may_not() {
                 "a revoked key" => "key_revoked",
                 _ => "unauthenticated",
             };
-            assert_eq!(answer["code"], code, "{method} {template} with {who}");
+            assert!(answer.text.contains(code), "{method} {template} with {who}: {}", answer.text);
             refused += 1;
         }
         for (own, key) in &scoped {
@@ -134,13 +145,16 @@ async fn no_route_of_the_contract_lets_anybody_in_who_may_not() {
                 let_in += 1;
             } else {
                 assert_eq!(answer.status, 403, "{method} {template} with {own}: {}", answer.text);
-                assert_eq!((&answer["code"], &answer["scope"]), (&json!("insufficient_scope"), &scope));
+                assert!(answer.text.contains("insufficient_scope"), "{}", answer.text);
+                assert!(template.starts_with("/v2") || answer["scope"] == scope, "{}", answer.text);
                 refused += 1;
             }
         }
         let answer = ask(&server, &method, &path, &[format!("Bearer {elsewhere}")]).await;
         if (template, method.as_str()) == ("/v1/models", "GET") {
             assert_eq!(answer.expect(200)["models"], json!([]), "a list shows what the key is for");
+        } else if template == "/v2/repository/index" {
+            assert_eq!(answer.expect(200).body, json!([]), "so does an index");
         } else {
             assert_eq!(answer.status, 403, "{method} {template} with a key of another model: {}", answer.text);
             refused += 1;

@@ -37,6 +37,10 @@ mod hostile_bytes;
 mod hostile_wire;
 /// Versions out of files.
 mod brought;
+/// The Open Inference Protocol.
+mod inference;
+/// Vehicles that send step by step.
+mod sequences;
 /// Keys that are sent again.
 mod idempotency;
 /// Files, from the command line.

@@ -8,7 +8,7 @@ use crate::support::server::Server;
 #[tokio::test]
 async fn what_is_not_there_is_a_problem() {
     let server = Server::start().await;
-    server.get("/v2").await.expect_problem(404, "not_found");
+    server.get("/v3").await.expect_problem(404, "not_found");
     server.get("/v1/models/nobody").await.expect_problem(404, "model_not_found");
     server.get("/v1/models/..%2Fetc").await.expect_problem(404, "model_not_found");
     server.get("/v1/models/%ff").await.expect(404);

@@ -34,11 +34,11 @@ pub(crate) fn check(method: &str, path: &str, status: u16, content_type: &str, b
     let told = || format!("{method} {path} answered {status} {content_type}: {body}");
     let Some((template, item)) = find_path(path) else {
         assert_eq!(status, 404, "the contract has no such path: {}", told());
-        return check_body("problem", problem_response(), content_type, body, &told);
+        return check_refusal(path, content_type, body, &told);
     };
     let Some(operation) = item.get(method.to_lowercase()) else {
         assert_eq!(status, 405, "the contract has no such method: {}", told());
-        return check_body("problem", problem_response(), content_type, body, &told);
+        return check_refusal(path, content_type, body, &told);
     };
     let responses = &operation["responses"];
     let response = responses.get(status.to_string()).or_else(|| {
@@ -50,8 +50,10 @@ pub(crate) fn check(method: &str, path: &str, status: u16, content_type: &str, b
     check_body(&key, response, content_type, body, &told);
 }
 
-fn problem_response() -> &'static Value {
-    &DOCUMENT["components"]["responses"]["Problem"]
+/// What is answered where the contract has nothing.
+fn check_refusal(path: &str, content_type: &str, body: &str, told: &dyn Fn() -> String) {
+    let kind = if path == "/v2" || path.starts_with("/v2/") { "InferenceError" } else { "Problem" };
+    check_body(kind, &DOCUMENT["components"]["responses"][kind], content_type, body, told);
 }
 
 fn check_body(key: &str, response: &Value, content_type: &str, body: &str, told: &dyn Fn() -> String) {

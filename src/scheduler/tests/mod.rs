@@ -56,7 +56,14 @@ impl Engine {
     }
 
     async fn on(fixture: Fixture, script: Script, clock: fn() -> Timestamp) -> Self {
-        let settings = PredictorSettings { named_versions: 2, inline_windows: 64, waiting_windows: 64, threads: 1 };
+        let settings = PredictorSettings {
+            named_versions: 2,
+            inline_windows: 64,
+            waiting_windows: 64,
+            threads: 1,
+            sequences: 2,
+            sequence_idle_s: 60.0,
+        };
         let predictor = Arc::new(Predictor::new(Arc::clone(&fixture.store), settings));
         predictor.load_all().await.unwrap();
         let fake = Fake::new(script);
