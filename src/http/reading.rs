@@ -18,7 +18,7 @@ use super::query::{PageQuery, Query};
 use super::serving::{Promotion, Rollback};
 use super::tasks::{NewTask, Wait, wish};
 use super::versions::Note;
-use super::{ServerSettings, audit, batches, etag, idempotency, path};
+use super::{ServerSettings, audit, batches, etag, idempotency, path, v2};
 use crate::access::Token;
 use crate::driver::Window;
 use crate::formats::Format;
@@ -101,6 +101,19 @@ pub fn simulation(bytes: &[u8], horizon: usize, settings: &ServerSettings) -> Re
         body.start(horizon, settings)
     };
     parse(bytes).and_then(read).map_err(|problem| problem.code())
+}
+
+/// The numbers in the body of an inference, and whether they are a vehicle's newest step, not windows; the header says how
+/// long the JSON before the bytes is.
+///
+/// # Errors
+/// The code of the problem that the call would answer.
+pub fn inference(headers: &HeaderMap, bytes: &[u8]) -> Result<(Vec<f32>, bool), Code> {
+    let told = |request: v2::Request| match request.input {
+        v2::Input::Windows { elements, .. } => (elements, false),
+        v2::Input::Step { step, .. } => (step.to_vec(), true),
+    };
+    v2::understood(headers, bytes).map(told).map_err(|problem| problem.code())
 }
 
 /// Whose query it is.

@@ -1,6 +1,7 @@
 //! The seeds of the corpus: one or more of every kind that a decoder tells apart. What libFuzzer made of them lies beside.
 
 mod artifact;
+mod inference;
 mod text;
 mod npy;
 mod parquet;
@@ -69,6 +70,9 @@ fn all() -> Vec<Seed> {
     }
     for (name, body) in text::predictions() {
         add("predict", name, body.into_bytes());
+    }
+    for (name, body) in inference::bodies() {
+        add("infer", name, body);
     }
     for (choice, name, text) in text::bodies() {
         add("bodies", name, behind(choice, text.as_bytes()));

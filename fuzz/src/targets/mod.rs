@@ -8,6 +8,8 @@ mod bodies;
 mod config;
 /// Bodies compressed with gzip and zstd.
 mod encodings;
+/// Bodies of the inference protocol.
+mod infer;
 /// Bodies of predictions and simulations.
 mod predict;
 /// Queries, headers and ids.
@@ -30,7 +32,7 @@ const fn target(name: &'static str, run: fn(&[u8])) -> Target {
 }
 
 /// Every target.
-pub const ALL: [Target; 13] = [
+pub const ALL: [Target; 14] = [
     target("json", uploads::json),
     target("ndjson", uploads::ndjson),
     target("csv", uploads::csv),
@@ -39,6 +41,7 @@ pub const ALL: [Target; 13] = [
     target("npy", uploads::npy),
     target("encodings", encodings::run),
     target("predict", predict::run),
+    target("infer", infer::run),
     target("bodies", bodies::run),
     target("requests", requests::run),
     target("artifact", artifact::run),

@@ -28,6 +28,7 @@ pub(super) use infer::infer;
 pub(super) use metadata::{config, model, ready as model_ready};
 pub use repository::Unloaded;
 pub(super) use repository::{index, load, unload};
+pub(super) use request::{Input, Request, understood};
 pub(super) use server::{live, ready, server};
 pub(super) use statistics::{all as all_statistics, of as statistics};
 

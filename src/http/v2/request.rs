@@ -25,10 +25,10 @@ pub(super) const COLUMNS: usize = 4;
 
 /// What is asked.
 #[derive(Debug)]
-pub(super) struct Request {
+pub(in crate::http) struct Request {
     /// Comes back with the answer.
     pub(super) id: Option<String>,
-    pub(super) input: Input,
+    pub(in crate::http) input: Input,
     /// None asks for all of them.
     pub(super) outputs: Option<Vec<Wanted>>,
     /// Whether outputs that do not say are answered as bytes.
@@ -37,7 +37,7 @@ pub(super) struct Request {
 
 /// The input.
 #[derive(Debug, PartialEq)]
-pub(super) enum Input {
+pub(in crate::http) enum Input {
     /// `[n, horizon, 4]`.
     Windows { count: usize, horizon: usize, elements: Vec<f32> },
     /// The newest step of a vehicle.
@@ -46,7 +46,7 @@ pub(super) enum Input {
 
 /// Which vehicle, and what becomes of it.
 #[derive(Debug, PartialEq)]
-pub(super) struct Sequence {
+pub(in crate::http) struct Sequence {
     pub(super) id: SequenceId,
     pub(super) starts: bool,
     pub(super) ends: bool,
@@ -57,7 +57,7 @@ pub(super) struct Sequence {
 /// An output that is asked for.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct Wanted {
+pub(in crate::http) struct Wanted {
     pub(super) name: String,
     #[serde(default)]
     pub(super) parameters: WantedParameters,
@@ -65,7 +65,7 @@ pub(super) struct Wanted {
 
 /// How an output is answered.
 #[derive(Debug, Default, Deserialize)]
-pub(super) struct WantedParameters {
+pub(in crate::http) struct WantedParameters {
     pub(super) binary_data: Option<bool>,
     classification: Option<u64>,
     shared_memory_region: Option<String>,
@@ -150,7 +150,7 @@ fn undo(reader: impl Read, limit: u64) -> Result<Vec<u8>, Problem> {
 ///
 /// # Errors
 /// When it is not what the protocol, or this server, takes.
-pub(super) fn understood(headers: &HeaderMap, bytes: &[u8]) -> Result<Request, Problem> {
+pub(in crate::http) fn understood(headers: &HeaderMap, bytes: &[u8]) -> Result<Request, Problem> {
     let (json, mut behind) = bytes.split_at(header_length(headers, bytes.len())?);
     let Body { id, parameters, inputs, outputs } = parse(json)?;
     let mut tensors = inputs.into_iter().map(|tensor| tensor.read(&mut behind)).collect::<Result<Vec<_>, _>>()?;

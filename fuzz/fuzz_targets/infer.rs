@@ -1,0 +1,3 @@
+#![no_main]
+
+headway_fuzz::fuzz!("infer");
