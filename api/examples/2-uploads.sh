@@ -21,6 +21,9 @@ curl -sS --fail-with-body "$url/v1/models/quick/batches?page_size=10"
 curl -sS --fail-with-body "$url/v1/models/quick/batches/b3"
 curl -sS --fail-with-body "$url/v1/models/quick/batches/b3/rejections"
 
+# What a batch holds, as an upload takes it: lines of JSON, CSV or Parquet.
+curl -sS --fail-with-body "$url/v1/models/quick/batches/b3/events?format=csv"
+
 # Where events come from. A source whose events keep failing is held until it is released; this one is not held.
 curl -sS --fail-with-body "$url/v1/models/quick/sources"
 curl -sS --fail-with-body -X POST "$url/v1/models/quick/sources/site-12/release"

@@ -8,6 +8,8 @@ mod bench;
 mod compact;
 /// The whole main job, shown.
 mod demo;
+/// Files out of a model.
+mod export;
 /// Whether a server can serve.
 mod healthy;
 /// Event files into a model.
@@ -53,6 +55,8 @@ enum Command {
     Reproduce(reproduce::ReproduceArguments),
     /// Take events from files into a model, as an upload does.
     Import(import::ImportArguments),
+    /// Write events, evaluations and versions into files.
+    Export(export::ExportArguments),
     /// Rewrite the database without what it does not use; the server must not run.
     Compact(compact::CompactArguments),
     /// Make, list and revoke the keys that a server asks for.
@@ -81,6 +85,7 @@ pub fn run() -> anyhow::Result<()> {
         Command::Demo(arguments) => demo::run(&arguments),
         Command::Reproduce(arguments) => reproduce::run(&arguments),
         Command::Import(arguments) => import::run(&arguments),
+        Command::Export(arguments) => export::run(&arguments),
         Command::Compact(arguments) => compact::run(&arguments),
         Command::Keys(arguments) => keys::run(arguments),
         Command::Verify(arguments) => verify::run(&arguments),

@@ -1,6 +1,7 @@
 //! A running server, spoken to over its interface, encrypted or not.
 
-use std::io;
+use std::fs::File;
+use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -10,10 +11,10 @@ use clap::Args;
 use futures_util::Stream;
 use http_body_util::combinators::UnsyncBoxBody;
 use http_body_util::{BodyExt, Full, StreamBody};
-use hyper::body::Frame;
+use hyper::body::{Frame, Incoming};
 use hyper::header::{AUTHORIZATION, CONTENT_ENCODING, CONTENT_TYPE, HeaderValue};
 use hyper::http::request::Builder;
-use hyper::{Method, Request};
+use hyper::{Method, Request, Response};
 use hyper_rustls::{HttpsConnector, HttpsConnectorBuilder};
 use hyper_util::client::legacy::Client;
 use hyper_util::client::legacy::connect::HttpConnector;
@@ -123,6 +124,23 @@ impl Remote {
         if answer.is_success || of_the_body { Ok((answer.is_success, answer.body)) } else { Err(answer.refusal()) }
     }
 
+    /// Writes what the server hands out, piece by piece.
+    pub(super) async fn download(&self, path: &str, file: &mut File) -> anyhow::Result<()> {
+        let nothing = Full::new(Bytes::new()).map_err(|never| match never {}).boxed_unsync();
+        let request = self.request(Method::GET, path).body(nothing).context("--server is no URL")?;
+        let response = self.http.request(request).await.with_context(|| format!("cannot speak to {}", self.url))?;
+        if !response.status().is_success() {
+            return Err(Answer::of(response).await?.refusal());
+        }
+        let mut body = response.into_body();
+        while let Some(frame) = body.frame().await {
+            if let Some(bytes) = frame.context("the server broke off")?.data_ref() {
+                file.write_all(bytes)?;
+            }
+        }
+        Ok(())
+    }
+
     fn request(&self, method: Method, path: &str) -> Builder {
         let request = Request::builder().method(method).uri(format!("{}{path}", self.url));
         match &self.authorization {
@@ -134,15 +152,7 @@ impl Remote {
     async fn answer(&self, request: Builder, body: UnsyncBoxBody<Bytes, io::Error>) -> anyhow::Result<Answer> {
         let request = request.body(body).context("--server is no URL")?;
         let response = self.http.request(request).await.with_context(|| format!("cannot speak to {}", self.url))?;
-        let status = response.status();
-        let bytes = response.into_body().collect().await?.to_bytes();
-        let (is_success, shown) = (status.is_success(), status.to_string());
-        Ok(Answer {
-            status: status.into(),
-            shown,
-            is_success,
-            body: serde_json::from_slice(&bytes).unwrap_or_default(),
-        })
+        Answer::of(response).await
     }
 }
 
@@ -156,6 +166,13 @@ struct Answer {
 }
 
 impl Answer {
+    async fn of(response: Response<Incoming>) -> anyhow::Result<Self> {
+        let status = response.status();
+        let bytes = response.into_body().collect().await?.to_bytes();
+        let (is_success, shown) = (status.is_success(), status.to_string());
+        Ok(Self { status: status.into(), shown, is_success, body: serde_json::from_slice(&bytes).unwrap_or_default() })
+    }
+
     fn refusal(&self) -> anyhow::Error {
         let told = |member: &str| self.body[member].as_str().unwrap_or_default().to_owned();
         anyhow!("the server answered {}: {}: {}", self.shown, told("title"), told("detail"))

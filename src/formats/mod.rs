@@ -1,4 +1,5 @@
-//! Bodies into raw events, one at a time: bounded memory whatever the length of the body.
+//! Bodies into raw events, one at a time: bounded memory whatever the length of the body. And stored events, like other tables,
+//! into bodies.
 //!
 //! An event that cannot be read is a `Rejection` and the next one follows; a body that cannot be read is a
 //! [`FormatError`](crate::formats::FormatError) and nothing of it counts.
@@ -41,6 +42,8 @@ mod raw;
 mod rows;
 /// Recordings of a whole road, out of which events are extracted.
 mod scene;
+/// Tables that are handed out.
+mod sheet;
 /// The body's bytes: decompressed, counted.
 mod source;
 /// What the rows of a tabular body become.
@@ -58,6 +61,7 @@ pub use limits::{FormatLimits, FormatLimitsError};
 pub use media::{Encoding, Format};
 pub use output::Sink;
 pub use raw::{Origin, RawEvent};
+pub use sheet::{Cells, EventWriter, Sheet, SheetFormat, whole_sheet};
 
 use crate::car_following::{Extraction, ExtractionSettings};
 

@@ -60,7 +60,8 @@ fn counted_body(model: &Model, batch: &Batch, counts: EventCounts) -> Value {
     body
 }
 
-async fn find(app: &AppState, model: &Model, batch: i64) -> Result<Batch, Problem> {
+/// The batch of this id.
+pub(super) async fn find(app: &AppState, model: &Model, batch: i64) -> Result<Batch, Problem> {
     let missing = || Code::BatchNotFound.because(format!("{} has no batch {}", model.name, batch_id(batch)));
     app.store.batch(model.model_id, batch).await?.ok_or_else(missing)
 }

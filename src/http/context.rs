@@ -238,6 +238,10 @@ pub(super) fn acceptable(headers: &HeaderMap, route: &str) -> Result<(), Problem
         "/docs/{file}" => return Ok(()),
         // Clients of the protocol say what they decompress, and nothing of types.
         route if v2::is_under(route) || route.ends_with("/artifact") => return Ok(()),
+        route if route.ends_with("/events") => &["application/x-ndjson", "text/csv", "application/vnd.apache.parquet"],
+        route if route.ends_with("/evaluation") || route == predict::ROUTE => {
+            &["application/json", "application/problem+json", "text/csv", "application/vnd.apache.parquet"]
+        }
         _ => &["application/json", "application/problem+json"],
     };
     let mut accepts =
@@ -249,11 +253,18 @@ pub(super) fn acceptable(headers: &HeaderMap, route: &str) -> Result<(), Problem
 }
 
 fn takes(range: &str, offer: &str) -> bool {
+    weight(range, offer) > 0.0
+}
+
+/// How much a range of `Accept` likes what is offered, 0 to 1.
+pub(super) fn weight(range: &str, offer: &str) -> f32 {
     let mut parts = range.split(';').map(str::trim);
     let media = parts.next().unwrap_or_default();
-    let refused = parts.any(|p| p.strip_prefix("q=").is_some_and(|q| q.parse() == Ok(0.0)));
     let family = offer.split('/').next().unwrap_or_default();
-    !refused && (media == "*/*" || media.eq_ignore_ascii_case(offer) || media == format!("{family}/*"))
+    if media != "*/*" && !media.eq_ignore_ascii_case(offer) && media != format!("{family}/*") {
+        return 0.0;
+    }
+    parts.find_map(|part| part.strip_prefix("q=")?.parse().ok()).unwrap_or(1.0)
 }
 
 #[cfg(test)]

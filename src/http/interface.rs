@@ -10,7 +10,7 @@ use std::sync::Arc;
 
 use axum::Router;
 use axum::body::{Body, HttpBody};
-use axum::http::header::ORIGIN;
+use axum::http::header::{ACCEPT, HeaderMap, ORIGIN};
 use axum::http::request::Parts;
 use axum::http::{Method, Request};
 use axum::response::{IntoResponse, Response};
@@ -21,6 +21,7 @@ use tower::ServiceExt;
 use super::body::Json;
 use super::context::{Observation, acceptable};
 use super::path::ServedAt;
+use super::table::{FIGURES, Form};
 use super::{AppState, panicked, predict, router};
 
 /// The whole interface.
@@ -46,7 +47,7 @@ impl Interface {
         let (parts, body) = request.into_parts();
         // What a browser wants to know of pages elsewhere, the router says.
         let from_page = !self.app.settings.cors_origins.is_empty() && parts.headers.contains_key(ORIGIN);
-        if let Some(model) = predicted(&parts).filter(|_| !from_page) {
+        if let Some(model) = predicted(&parts).filter(|_| !from_page && !wants_table(&parts.headers)) {
             return self.predict(model, &parts, body).await;
         }
         let Ok(answer) = self.router.clone().oneshot(Request::from_parts(parts, Body::new(body))).await;
@@ -69,6 +70,15 @@ impl Interface {
         };
         let answered = AssertUnwindSafe(observation.within(answering)).catch_unwind().await;
         observation.end(answered.unwrap_or_else(|payload| Err(panicked(&*payload))).into_response())
+    }
+}
+
+/// Whether predictions are asked for in another form than JSON, which nearly nobody does.
+fn wants_table(headers: &HeaderMap) -> bool {
+    match headers.get(ACCEPT) {
+        None => false,
+        Some(accept) if accept == "*/*" || accept == "application/json" => false,
+        Some(_) => Form::accepted(headers, FIGURES) != Form::Json,
     }
 }
 

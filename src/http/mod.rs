@@ -22,8 +22,12 @@ mod contract;
 mod etag;
 /// Versions and reference drivers on events that are not kept.
 mod evaluate;
+/// What batches hold.
+mod events;
 /// Bodies of events.
 mod events_body;
+/// Measures and predictions as tables.
+mod figures;
 /// Who is let in.
 mod gate;
 /// `/healthz`, `/readyz`, `/metrics`.
@@ -75,6 +79,8 @@ mod shield;
 mod sources;
 /// Tasks counted as they end.
 pub mod tally;
+/// Answers as tables.
+mod table;
 /// Learning on request.
 mod tasks;
 /// Encrypted connections.
@@ -203,6 +209,7 @@ fn routes() -> Vec<Route> {
         at("/v1/models/{model}/batches").get(AnyKey, batches::list).post(May(Ingest), batches::upload),
         at("/v1/models/{model}/batches/{batch_id}").get(AnyKey, batches::read).delete(May(Train), batches::retract),
         at("/v1/models/{model}/batches/{batch_id}/rejections").get(AnyKey, batches::rejections),
+        at("/v1/models/{model}/batches/{batch_id}/events").get(AnyKey, events::download),
         at("/v1/models/{model}/sources").get(AnyKey, sources::list),
         at("/v1/models/{model}/sources/{source}/release").post(May(Train), sources::release),
         at("/v1/models/{model}/tasks").get(AnyKey, tasks::list).post(May(Train), tasks::create),

@@ -4,6 +4,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use axum::extract::State;
+use axum::http::HeaderMap;
 use axum::response::Response;
 use serde::{Deserialize, Serialize};
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
@@ -15,9 +16,10 @@ use super::numbers::{GREATEST, Numbers};
 use super::object::Object;
 use super::path::ServedAt;
 use super::problem::{Code, InputError, Problem};
+use super::table::{self, FIGURES, Form};
 use super::versions;
 use super::whole::Whole;
-use super::{AppState, ServerSettings};
+use super::{AppState, ServerSettings, figures};
 use crate::access::Scope;
 use crate::driver::Window;
 use crate::predictor::{Loaded, PredictError, Prediction, Simulated};
@@ -175,9 +177,14 @@ fn too_many(pointer: &str, found: usize, most: usize) -> Problem {
 pub(super) async fn predict(
     State(app): State<Arc<AppState>>,
     model: ServedAt,
+    headers: HeaderMap,
     Json(body): Json<PredictBody>,
 ) -> Result<Response, Problem> {
-    answer(&app, &model, body).await
+    let form = Form::accepted(&headers, FIGURES);
+    let Some(format) = form.sheet() else { return answer(&app, &model, body).await };
+    let predicted = predicted(&app, &model, body).await?;
+    let name = format!("{}-v{}-predictions", predicted.model, predicted.version);
+    table::answer(form, format, &name, &figures::of_predictions(&predicted.predictions))
 }
 
 /// The answer to a prediction's body.
@@ -185,13 +192,17 @@ pub(super) async fn predict(
 /// # Errors
 /// When it cannot be answered.
 pub(super) async fn answer(app: &AppState, model: &ServedAt, body: PredictBody) -> Result<Response, Problem> {
+    Ok(ok_json(&predicted(app, model, body).await?))
+}
+
+async fn predicted<'m>(app: &AppState, model: &'m ServedAt, body: PredictBody) -> Result<Predicted<'m>, Problem> {
     body.check_count(&app.settings)?;
     let _slot = slot_for(app, body.windows.len())?;
     let loaded = load(app, model, body.version.map(|Whole(version)| version)).await?;
     let windows = body.windows(loaded.horizon(), &app.settings)?;
     let version = loaded.version();
     let predictions = compute(app, model, loaded, windows).await?;
-    Ok(ok_json(&Predicted { model: &model.name, version, predictions }))
+    Ok(Predicted { model: &model.name, version, predictions })
 }
 
 /// A turn for a request of so many windows; small ones need none.

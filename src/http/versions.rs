@@ -3,16 +3,19 @@
 use std::sync::Arc;
 
 use axum::extract::State;
+use axum::http::HeaderMap;
+use axum::response::{IntoResponse, Response};
 use jiff::Timestamp;
 use serde::Deserialize;
 use serde_json::{Value, json};
 
-use super::AppState;
 use super::answer::Answer;
 use super::body::JsonBody;
 use super::path::{ModelAt, VersionAt, task_id};
 use super::problem::{Code, InputError, Problem};
-use super::query::Page;
+use super::query::{Page, Query};
+use super::table::{self, FIGURES, Wanted};
+use super::{AppState, figures};
 use crate::lineage::{Model, RegimeEvaluation, ServedMeasures, TestMeasures, Version};
 use crate::store::{Actor, StoreError, version};
 
@@ -134,16 +137,25 @@ pub(super) async fn evaluation(
     State(app): State<Arc<AppState>>,
     ModelAt(model): ModelAt,
     VersionAt(version): VersionAt,
-) -> Result<Answer, Problem> {
+    headers: HeaderMap,
+    Query(wanted): Query<Wanted>,
+) -> Result<Response, Problem> {
+    let form = wanted.form(&headers, FIGURES)?;
     let version = find(&app, &model, version).await?;
     let regimes = app.store.evaluation(model.model_id, version.version).await?;
-    Ok(Answer::ok(&json!({
+    if let Some(format) = form.sheet() {
+        let rows: Vec<_> = regimes.iter().map(regime_body).collect();
+        let name = format!("{}-v{}-evaluation", model.name, version.version);
+        return table::answer(form, format, &name, &figures::of_regimes(&rows));
+    }
+    let body = Answer::ok(&json!({
         "model": model.name,
         "version": version.version,
         "stage": version.stage,
         "tasks": regimes.iter().map(regime_body).collect::<Vec<_>>(),
         "measures": measures(version.stage, &regimes),
-    })))
+    }));
+    Ok(body.into_response())
 }
 
 /// One regime of an evaluation.

@@ -10,6 +10,7 @@ mod replay;
 mod retention;
 mod settings;
 mod split;
+mod stored_event;
 mod strength;
 mod strength_search;
 mod task;
@@ -26,6 +27,7 @@ pub use replay::{ReplayPart, ReplayReport, ReplayedLive, ReplayedRegimes, Replay
 pub use retention::Retention;
 pub use settings::{ModelSettings, SettingsError};
 pub use split::Split;
+pub use stored_event::StoredEvent;
 pub use strength::{Auto, Strength};
 pub use strength_search::{SearchedRegime, SearchedStrength, StrengthSearch};
 pub use task::{Task, TaskError, TaskKind, TaskState};

@@ -33,7 +33,7 @@ fn event_from(row: &SqliteRow) -> Result<LedgerEvent, StoreError> {
 }
 
 /// Names an event whose arrays are not what was uploaded.
-fn corrupt(row: &SqliteRow) -> Result<StoreError, StoreError> {
+pub(super) fn corrupt(row: &SqliteRow) -> Result<StoreError, StoreError> {
     let (name, batch_id): (&str, i64) = (row.try_get("name")?, row.try_get("batch_id")?);
     let detail = format!(
         "event {name} of batch b{batch_id} is corrupt: its digest does not match; an upload of the same content mends it"

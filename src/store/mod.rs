@@ -9,6 +9,8 @@ pub mod audit;
 pub mod backup;
 /// Batches: beginning, ending and reading them.
 pub mod batch;
+/// What batches hold.
+pub mod contents;
 /// Arrays of numbers.
 pub mod array;
 mod census;

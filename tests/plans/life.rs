@@ -41,6 +41,7 @@ async fn upload(server: &Server) {
         server.post_with_key(&format!("{path}?regime=fast"), key, &json!({"events": mixed})).await.expect(201);
     }
     server.get(&format!("{path}/b1/rejections")).await.expect(200);
+    server.get(&format!("{path}/b1/events")).await.expect(200);
     for batch in ["b1", "b2"] {
         server.send(server.request(Method::DELETE, &format!("{path}/{batch}?erase=true"))).await.expect(200);
     }

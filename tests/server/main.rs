@@ -29,6 +29,7 @@ mod documented;
 mod erase;
 /// Versions and reference drivers on events that are not kept.
 mod evaluate;
+mod export;
 /// Bodies that mean harm.
 mod hostile;
 /// Bytes that are mistaken, at random.
