@@ -173,7 +173,7 @@ pub struct AppState {
     pub evaluator: Arc<Evaluator>,
     /// Evaluations at once.
     pub evaluation_slots: Arc<Semaphore>,
-    /// Versions handed out and taken in as files at once.
+    /// Files handed out and taken in at once: versions, and events of batches.
     pub artifact_slots: Arc<Semaphore>,
     /// Open progress streams.
     pub stream_slots: Arc<Semaphore>,

@@ -45,7 +45,7 @@ pub struct ServerSettings {
     pub concurrent_evaluations: usize,
     /// Largest file that is taken as a version, bytes.
     pub artifact_bytes: u64,
-    /// Versions handed out and taken in as files at once.
+    /// Files handed out and taken in at once: versions, and events of batches.
     pub concurrent_artifacts: usize,
     /// Progress streams open at once.
     pub concurrent_streams: usize,
