@@ -100,6 +100,7 @@ async fn assemble(
         evaluation_slots: slots(config.server.concurrent_evaluations),
         evaluator: evaluator(config.evaluate, niceness)?,
         artifact_slots: slots(config.server.concurrent_artifacts),
+        copy_slots: slots(config.server.concurrent_copies),
         stream_slots: slots(config.server.concurrent_streams),
         backup: config.backup,
         backup_slot: slots(1),

@@ -28,6 +28,8 @@ mod events;
 mod events_body;
 /// Measures and predictions as tables.
 mod figures;
+/// Models that begin where others are.
+mod fork;
 /// Who is let in.
 mod gate;
 /// `/healthz`, `/readyz`, `/metrics`.
@@ -175,6 +177,8 @@ pub struct AppState {
     pub evaluation_slots: Arc<Semaphore>,
     /// Files handed out and taken in at once: versions, and events of batches.
     pub artifact_slots: Arc<Semaphore>,
+    /// Models copied at once.
+    pub copy_slots: Arc<Semaphore>,
     /// Open progress streams.
     pub stream_slots: Arc<Semaphore>,
     /// Which requests that the gate refuses are logged.

@@ -12,6 +12,7 @@ use super::AppState;
 use super::answer::Answer;
 use super::body::{Json, JsonBody};
 use super::etag::{check_if_match, etag};
+use super::fork::{self, Origin};
 use super::gate::Caller;
 use super::idempotency::Repeatable;
 use super::object::Object;
@@ -19,10 +20,10 @@ use super::once::Once;
 use super::path::ModelAt;
 use super::problem::{Code, Problem};
 use super::query::Page;
-use super::whole::Whole;
 use crate::consolidation::Method;
 use crate::lineage::{Model, ModelName, ModelSettings, Retention};
-use crate::store::{Actor, model};
+use crate::store::copy::Fork;
+use crate::store::{Actor, WriteTransaction, model};
 
 /// The body of a creation.
 #[derive(Debug, Deserialize)]
@@ -38,22 +39,10 @@ pub(super) struct NewModel {
 impl NewModel {
     /// The model's settings: those that are given, and `defaults` for the rest.
     pub(super) fn settings(&self, defaults: &ModelSettings) -> Result<ModelSettings, Problem> {
-        if self.from.is_some() {
-            return Err(Code::NotAvailable.because("forking a model from a version (from) comes with a later release"));
-        }
         let settings = defaults.overridden(&self.settings.0)?;
         settings.check_for(self.method)?;
         Ok(settings)
     }
-}
-
-/// The version a fork starts from.
-#[derive(Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
-#[expect(dead_code, reason = "read to be refused for what is wrong with it, until forks are there")]
-struct Origin {
-    model: ModelName,
-    version: Whole,
 }
 
 /// The body of a change.
@@ -97,16 +86,40 @@ pub(super) async fn create(
     if let Some(answer) = request.recall(request_sha256).await? {
         return Ok(answer);
     }
-    let settings = new.settings(&app.model_defaults)?;
-    let mut tx = app.store.begin_for(&by).await?;
-    let Some(model) = model::create(&mut tx, &new.model, new.method, &settings).await? else {
-        return Err(Code::ModelExists.because(format!("a model is already called {}", new.model)));
+    let (mut tx, model) = match &new.from {
+        Some(Object(origin)) => forked(&app, &by, &new, origin).await?,
+        None => {
+            let settings = new.settings(&app.model_defaults)?;
+            let mut tx = app.store.begin_for(&by).await?;
+            let made = model::create(&mut tx, &new.model, new.method, &settings).await?;
+            (tx, made.ok_or_else(|| fork::taken(&new.model))?)
+        }
     };
     let answer = answer(StatusCode::CREATED, &model).with_header(&LOCATION, format!("/v1/models/{}", model.name));
     request.keep(&mut tx, request_sha256, &answer).await?;
     tx.commit().await?;
     tracing::info!(model = %model.name, method = model.method.as_str(), "model created");
+    if model.live.is_some() {
+        app.predictor.refresh(model.model_id).await;
+    }
     Ok(answer)
+}
+
+/// The transaction of a fork, and what it makes.
+async fn forked(
+    app: &Arc<AppState>,
+    by: &Actor,
+    new: &NewModel,
+    origin: &Origin,
+) -> Result<(WriteTransaction, Model), Problem> {
+    let _slot = app.copy_slots.try_acquire().map_err(|_| Problem::busy(Code::Busy, fork::BUSY))?;
+    let of = origin.find(app, new.method).await?;
+    let settings = of.settings.for_fork(&new.settings.0)?;
+    settings.check_for(new.method)?;
+    let mut tx = app.store.begin_for(by).await?;
+    let fork = Fork { name: &new.model, of: &of, version: origin.version.0, settings: &settings };
+    let model = fork::make(&mut tx, &fork).await?;
+    Ok((tx, model))
 }
 
 /// `GET /v1/models`

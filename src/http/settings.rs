@@ -47,6 +47,8 @@ pub struct ServerSettings {
     pub artifact_bytes: u64,
     /// Files handed out and taken in at once: versions, and events of batches.
     pub concurrent_artifacts: usize,
+    /// Models forked, put into archives and taken out of them at once.
+    pub concurrent_copies: usize,
     /// Progress streams open at once.
     pub concurrent_streams: usize,
     /// Least time between two progress events of a stream, s.
@@ -117,6 +119,7 @@ impl ServerSettings {
             ("concurrent_evaluations", self.concurrent_evaluations as f64, 1.0..=10_000.0),
             ("artifact_bytes", self.artifact_bytes as f64, 1.0..=4e9),
             ("concurrent_artifacts", self.concurrent_artifacts as f64, 1.0..=10_000.0),
+            ("concurrent_copies", self.concurrent_copies as f64, 1.0..=1000.0),
             ("concurrent_streams", self.concurrent_streams as f64, 1.0..=100_000.0),
             ("progress_interval_s", self.progress_interval_s, 0.01..=3600.0),
             ("predict_windows_max", self.predict_windows_max as f64, 1.0..=1e7),

@@ -25,17 +25,33 @@ const OF_THE_LINE: [&str; 14] = [
     "retention",
 ];
 
+/// Of these, what is about events that come and versions that go: no version depends on it.
+const OF_THE_MODEL: [&str; 3] = ["schedule", "regimes", "retention"];
+
 impl ModelSettings {
     /// The model's settings with a task's overrides.
     ///
     /// # Errors
     /// As [`Self::overridden`], and when a setting that the whole line shares would change.
     pub fn for_task(&self, overrides: &Value) -> Result<Self, SettingsError> {
+        self.overridden_but(&OF_THE_LINE, overrides)
+    }
+
+    /// The settings of a fork of a model with these, with its overrides: it goes on with the same line.
+    ///
+    /// # Errors
+    /// As [`Self::overridden`], and when a setting that the whole line shares would change.
+    pub fn for_fork(&self, overrides: &Value) -> Result<Self, SettingsError> {
+        let of_the_line: Vec<_> = OF_THE_LINE.into_iter().filter(|name| !OF_THE_MODEL.contains(name)).collect();
+        self.overridden_but(&of_the_line, overrides)
+    }
+
+    fn overridden_but(&self, fixed: &[&'static str], overrides: &Value) -> Result<Self, SettingsError> {
         let settings = self.overridden(overrides)?;
         let plain = |settings: &Self| serde_json::to_value(settings).expect("settings are plain data");
         let (old, new) = (plain(self), plain(&settings));
-        match OF_THE_LINE.into_iter().find(|&name| old[name] != new[name]) {
-            Some(name) => Err(SettingsError {
+        match fixed.iter().find(|&&name| old[name] != new[name]) {
+            Some(&name) => Err(SettingsError {
                 name: name.to_owned(),
                 code: "invalid_setting",
                 detail: format!("all versions of a model share it; this model has {}", old[name]),
@@ -112,6 +128,15 @@ mod tests {
         assert_eq!(model.for_task(&json!({"epochs": 9, "hidden": 128})).unwrap().epochs, 9);
         assert_eq!(model.for_task(&json!({"hidden": 64})).unwrap_err().name, "hidden");
         assert_eq!(model.for_task(&Value::Null).unwrap(), model);
+    }
+
+    #[test]
+    fn a_fork_may_be_scheduled_otherwise_but_not_split_otherwise() {
+        let model = ModelSettings { hidden: 16, ..ModelSettings::default() };
+        let fork = model.for_fork(&json!({"epochs": 9, "schedule": "manual", "hidden": 16})).unwrap();
+        assert_eq!((fork.epochs, fork.hidden), (9, 16));
+        assert_eq!(model.for_fork(&json!({"split_seed": 7})).unwrap_err().name, "split_seed");
+        assert_eq!(model.for_fork(&Value::Null).unwrap(), model);
     }
 
     #[test]

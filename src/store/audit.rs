@@ -60,9 +60,20 @@ pub(super) async fn prepare(connection: &mut SqliteConnection) -> Result<(), sql
 
 /// Says in whose name the changes of this transaction are made.
 pub(super) async fn act(transaction: &mut WriteTransaction, actor: &Actor) -> Result<(), StoreError> {
-    query("update acting set actor = ?, request_id = ?")
+    query("update acting set actor = ?, request_id = ?, copied_as = null, copied_from = null")
         .bind(&actor.name)
         .bind(actor.request_id.as_deref())
+        .execute(&mut **transaction)
+        .await?;
+    Ok(())
+}
+
+/// Says that what is written from here on in this transaction is a copy, noted as one change of this name: what it is a copy
+/// of was noted when it was made.
+pub(super) async fn copies(transaction: &mut WriteTransaction, action: &str, from: &str) -> Result<(), StoreError> {
+    query("update acting set copied_as = ?, copied_from = ?")
+        .bind(action)
+        .bind(from)
         .execute(&mut **transaction)
         .await?;
     Ok(())

@@ -1,7 +1,8 @@
 -- What is written into the audit log, all of it, and in whose name. The one connection that writes has these: they are
 -- temporary, made anew with it, and so is the row that says who acts (`begin_for` of the store).
 
-create temp table acting (actor text not null, request_id text) strict;
+-- While rows are copied, the change is noted as one, under this name.
+create temp table acting (actor text not null, request_id text, copied_as text, copied_from text) strict;
 insert into acting (actor) values ('server');
 
 -- One entry. Whoever says who, like the promotion policy, is believed; else it is who acts.
@@ -20,7 +21,9 @@ create temp trigger note instead of insert on noted begin
 end;
 
 create temp trigger noted_model after insert on model begin
-    insert into noted values ('model.create', new.model_id, new.name, json_object('method', new.method), null);
+    insert into noted select coalesce(copied_as, 'model.create'), new.model_id, new.name,
+        iif(copied_as is null, json_object('method', new.method), json_object('method', new.method, 'from', copied_from)), null
+    from acting;
 end;
 create temp trigger noted_pause after update of paused on model when new.paused <> old.paused begin
     insert into noted values (iif(new.paused, 'model.pause', 'model.resume'), new.model_id, new.name, '{}', null);
@@ -32,7 +35,7 @@ create temp trigger noted_retention after update of settings on model when new.s
         json_object('retention', json(new.settings -> '$.retention')), null);
 end;
 
-create temp trigger noted_batch after insert on batch begin
+create temp trigger noted_batch after insert on batch when (select copied_as from acting) is null begin
     insert into noted values ('batch.upload', new.model_id, 'b' || new.batch_id,
         json_object('source', new.source, 'regime', new.regime, 'body_sha256', lower(hex(new.body_sha256))), null);
 end;
@@ -51,7 +54,7 @@ when (old.held_at is null) <> (new.held_at is null) begin
         json_object('reason', new.reason), null);
 end;
 
-create temp trigger noted_task after insert on task begin
+create temp trigger noted_task after insert on task when (select copied_as from acting) is null begin
     insert into noted values ('task.create', new.model_id, 't' || new.task_id, json_object('regime', new.regime), null);
 end;
 -- Noted once: when a running task is asked to end, or when one ends that nobody asked.
@@ -65,11 +68,11 @@ when new.state in ('cancelled', 'failed') and new.state <> old.state and not new
         iif(new.state = 'failed', json_object('code', new.error_code), '{}'), null);
 end;
 
-create temp trigger noted_version after insert on version begin
+create temp trigger noted_version after insert on version when (select copied_as from acting) is null begin
     insert into noted values ('version.create', new.model_id, cast(new.version as text),
         json_object('task_id', 't' || new.task_id, 'parent', new.parent, 'weights_sha256', lower(hex(new.weights_sha256))), null);
 end;
-create temp trigger noted_note after insert on version_note begin
+create temp trigger noted_note after insert on version_note when (select copied_as from acting) is null begin
     insert into noted values ('version.note', new.model_id, cast(new.version as text), json_object('note', substr(new.note, 1, 256)), null);
 end;
 create temp trigger noted_other_note after update on version_note begin
@@ -79,7 +82,8 @@ create temp trigger noted_no_note after delete on version_note begin
     insert into noted values ('version.note', old.model_id, cast(old.version as text), json_object('note', null), null);
 end;
 -- A retraction that moved the head was noted with its batch.
-create temp trigger noted_move after insert on history when new.action <> 'retract' begin
+create temp trigger noted_move after insert on history
+when new.action <> 'retract' and (select copied_as from acting) is null begin
     insert into noted values (
         case new.action when 'rollback' then 'version.rollback' when 'replay' then 'version.replay' else 'version.promote' end,
         new.model_id,

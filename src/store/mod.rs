@@ -16,6 +16,8 @@ pub mod array;
 mod census;
 mod checkpoint;
 mod column;
+/// Forks and archives: a model's rows, copied.
+pub mod copy;
 mod damage;
 /// Content that goes for good.
 pub mod erase;

@@ -2,11 +2,11 @@
 //! is used. A number that was flipped on the disk is found where it would be believed.
 
 use sha2::{Digest, Sha256};
-use sqlx::sqlite::{Sqlite, SqliteRow};
+use sqlx::sqlite::{Sqlite, SqliteConnection, SqliteRow};
 use sqlx::{Decode, Row, Type, TypeInfo, ValueRef, query};
 
+use super::StoreError;
 use super::column::digest;
-use super::{StoreError, WriteTransaction};
 
 /// The schema since which rows are sealed.
 pub(super) const SEALED_SINCE: i64 = 7;
@@ -104,16 +104,16 @@ pub(super) const RESERVOIR: Sealed = Sealed {
 ///
 /// # Errors
 /// When the database cannot be written.
-pub(super) async fn seal(transaction: &mut WriteTransaction) -> Result<(), StoreError> {
+pub(super) async fn seal(connection: &mut SqliteConnection) -> Result<(), StoreError> {
     for of in [&MODEL, &VERSION, &VERSION_REGIME, &RESERVOIR] {
-        let rows = query(of.unsealed).fetch_all(&mut **transaction).await?;
+        let rows = query(of.unsealed).fetch_all(&mut *connection).await?;
         for row in &rows {
             let seal = of.digest(row)?;
             let mut update = query(of.update).bind(&seal[..]);
             for name in of.key {
                 update = update.bind(row.try_get::<i64, _>(*name)?);
             }
-            update.execute(&mut **transaction).await?;
+            update.execute(&mut *connection).await?;
         }
     }
     Ok(())

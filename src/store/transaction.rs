@@ -13,6 +13,8 @@ use super::StoreError;
 pub enum Purpose {
     /// A model is created.
     ModelCreated,
+    /// A model begins where another one's version is.
+    ModelForked,
     /// A model's training is held or released.
     ModelPaused,
     /// What of a model is kept is changed.
@@ -71,6 +73,7 @@ impl Purpose {
     /// Every purpose.
     pub const ALL: [Self; 27] = [
         Self::ModelCreated,
+        Self::ModelForked,
         Self::ModelPaused,
         Self::RetentionChanged,
         Self::BatchUploaded,
@@ -104,6 +107,7 @@ impl Purpose {
     pub fn as_str(self) -> &'static str {
         match self {
             Self::ModelCreated => "model_created",
+            Self::ModelForked => "model_forked",
             Self::ModelPaused => "model_paused",
             Self::RetentionChanged => "retention_changed",
             Self::BatchUploaded => "batch_uploaded",

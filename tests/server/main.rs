@@ -21,6 +21,7 @@ mod batches;
 mod browsers;
 /// The router and `api/openapi.yaml` say the same.
 mod contract;
+mod copies;
 /// Damaged databases.
 mod corruption;
 /// What the server says of itself.

@@ -70,10 +70,8 @@ async fn options_of_importance_are_taken_and_what_contradicts_itself_is_pointed_
 }
 
 #[tokio::test]
-async fn what_comes_later_says_so() {
+async fn a_version_is_taken_from_a_file_and_for_a_model_that_is_there() {
     let server = Server::start().await;
-    let fork = json!({"model": "a", "method": "ewc", "from": {"model": "default", "version": 1}});
-    server.post("/v1/models", &fork).await.expect_problem(501, "not_available");
     server.post("/v1/models/default/versions", &json!({})).await.expect_problem(415, "unsupported_media_type");
     server.post("/v1/models/absent/versions", &json!({})).await.expect_problem(404, "model_not_found");
     server.stop().await;
