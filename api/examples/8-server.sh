@@ -10,6 +10,14 @@ curl -sS --fail-with-body "$url/metrics"
 curl -sS --fail-with-body -X POST "$url/v1/backup"
 curl -sS --fail-with-body "$url/v1/backup"
 
+# One model with everything it has, as a file; the same as another model, here or on another server; and a model that goes on
+# from a version of it.
+curl -sS --fail-with-body "$url/v1/models/quick/archive" -o quick.headway
+curl -sS --fail-with-body -X POST "$url/v1/models/elsewhere/archive" \
+  -H 'Content-Type: application/vnd.sqlite3' --data-binary @quick.headway
+curl -sS --fail-with-body -X POST "$url/v1/models" -H 'Content-Type: application/json' \
+  -d '{"model": "fork", "method": "ewc", "settings": {"epochs": 2}, "from": {"model": "quick", "version": 1}}'
+
 # Who changed what, and when.
 curl -sS --fail-with-body "$url/v1/audit?page_size=5"
 

@@ -41,7 +41,7 @@ FORESEEN = {
         "each setting is right by itself: which go together, with a method, or with the model's in a task, descriptions say",
 }
 # The same where a body is not JSON, or says that it is compressed.
-FORESEEN_OF_BYTES = {"(malformed|truncated|invalid)_body ": "what rows, columns and compressed bytes may be, descriptions say"}
+FORESEEN_OF_BYTES = {"(malformed|truncated|invalid)_(body|archive) ": "what rows, columns and compressed bytes may be, descriptions say"}
 
 # The same in the one text that the Open Inference Protocol has for errors.
 FORESEEN_OF_INFERENCE = {
@@ -81,7 +81,7 @@ def foreseen(case, response):
         return foreseen_of_inference(response)
     where = lambda error: (error.get("parameter") or error.get("pointer") or "").split("/")[-1]
     lines = [f"{code} {error['code']}/{where(error)}: {error['detail']}" for error in errors] or [f"{code} {told['detail']}"]
-    raw = operation_id(case) in ("upload", "evaluate", "importVersion") and (
+    raw = operation_id(case) in ("upload", "evaluate", "importVersion", "takeInArchive") and (
         case.media_type != "application/json" or "Content-Encoding" in case.headers)
     known = FORESEEN | (FORESEEN_OF_BYTES if raw else {})
     reasons = [next((why for pattern, why in known.items() if re.match(pattern, line)), None) for line in lines]

@@ -1,5 +1,7 @@
 //! The command line. One module per subcommand; without one, `headway` serves.
 
+/// A model as a file.
+mod archive;
 /// A copy of a database.
 mod backup;
 /// How fast it is.
@@ -65,6 +67,8 @@ enum Command {
     Verify(verify::VerifyArguments),
     /// Copy a database while a server may be writing to it.
     Backup(backup::BackupArguments),
+    /// Put one model with everything it has into a file of its own, or take it out of one into another database.
+    Archive(archive::ArchiveArguments),
     /// Put a copy in the place of a database.
     Restore(restore::RestoreArguments),
     /// Ask whether the server on this machine can serve, as the health check of a container does.
@@ -90,6 +94,7 @@ pub fn run() -> anyhow::Result<()> {
         Command::Keys(arguments) => keys::run(arguments),
         Command::Verify(arguments) => verify::run(&arguments),
         Command::Backup(arguments) => backup::run(&arguments),
+        Command::Archive(arguments) => archive::run(&arguments),
         Command::Restore(arguments) => restore::run(&arguments),
         Command::Healthy(arguments) => healthy::run(&arguments),
         Command::Bench(arguments) => bench::run(&arguments),

@@ -33,6 +33,31 @@ pub struct MotionScaling {
 }
 
 impl Scaling {
+    /// Whether it can be a network's of this shape.
+    ///
+    /// # Errors
+    /// What is wrong with it.
+    pub fn check(&self, shape: DriverShape) -> Result<(), String> {
+        let motion = self.motion.iter();
+        let all = [self.mean, self.spread, self.low, self.high].concat().into_iter();
+        let all = all.chain(motion.clone().flat_map(|motion| [motion.mean, motion.spread].concat()));
+        let spreads = self.spread.into_iter().chain(motion.flat_map(|motion| motion.spread));
+        if !all.into_iter().all(f32::is_finite) {
+            return Err("its numbers are to be finite".to_owned());
+        }
+        if !spreads.into_iter().all(|spread| spread > 0.0) {
+            return Err("each spread is to be greater than 0".to_owned());
+        }
+        match (shape.features, self.motion) {
+            (Features::Raw, Some(_)) => Err("motion is for models with features motion; this one has raw".to_owned()),
+            (Features::Motion, None) => {
+                Err("a model with features motion needs motion: {\"mean\": [3 numbers], \"spread\": [3 numbers]}"
+                    .to_owned())
+            }
+            _ => Ok(()),
+        }
+    }
+
     /// Mean and standard deviation over all steps of `events` (in an order of their own, for equal bits).
     #[must_use]
     pub fn estimate(shape: DriverShape, events: &[&Event]) -> Self {

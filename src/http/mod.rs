@@ -2,6 +2,8 @@
 
 /// Answers that can be kept and sent again.
 mod answer;
+/// Models as files.
+mod archive;
 /// Versions as files.
 mod artifact;
 /// `/v1/audit`.
@@ -208,6 +210,7 @@ fn routes() -> Vec<Route> {
         at("/v1/audit").get(May(Admin), audit::list),
         at("/v1/models").get(AnyKey, models::list).post(May(Train), models::create),
         at("/v1/models/{model}").get(AnyKey, models::read).patch(May(Admin), models::change),
+        at("/v1/models/{model}/archive").get(May(Admin), archive::download).post(May(Admin), archive::take_in),
         at("/v1/models/{model}/pause").post(May(Train), models::pause),
         at("/v1/models/{model}/resume").post(May(Train), models::resume),
         at("/v1/models/{model}/batches").get(AnyKey, batches::list).post(May(Ingest), batches::upload),

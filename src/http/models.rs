@@ -76,6 +76,11 @@ fn answer(status: StatusCode, model: &Model) -> Answer {
     Answer::json(status, &body(model)).with_header(&ETAG, etag(model))
 }
 
+/// 201, and where it is.
+pub(super) fn created(model: &Model) -> Answer {
+    answer(StatusCode::CREATED, model).with_header(&LOCATION, format!("/v1/models/{}", model.name))
+}
+
 /// `POST /v1/models`
 pub(super) async fn create(
     State(app): State<Arc<AppState>>,
@@ -86,16 +91,15 @@ pub(super) async fn create(
     if let Some(answer) = request.recall(request_sha256).await? {
         return Ok(answer);
     }
-    let (mut tx, model) = match &new.from {
-        Some(Object(origin)) => forked(&app, &by, &new, origin).await?,
-        None => {
-            let settings = new.settings(&app.model_defaults)?;
-            let mut tx = app.store.begin_for(&by).await?;
-            let made = model::create(&mut tx, &new.model, new.method, &settings).await?;
-            (tx, made.ok_or_else(|| fork::taken(&new.model))?)
-        }
+    let (mut tx, model) = if let Some(Object(origin)) = &new.from {
+        forked(&app, &by, &new, origin).await?
+    } else {
+        let settings = new.settings(&app.model_defaults)?;
+        let mut tx = app.store.begin_for(&by).await?;
+        let made = model::create(&mut tx, &new.model, new.method, &settings).await?;
+        (tx, made.ok_or_else(|| fork::taken(&new.model))?)
     };
-    let answer = answer(StatusCode::CREATED, &model).with_header(&LOCATION, format!("/v1/models/{}", model.name));
+    let answer = created(&model);
     request.keep(&mut tx, request_sha256, &answer).await?;
     tx.commit().await?;
     tracing::info!(model = %model.name, method = model.method.as_str(), "model created");

@@ -14,6 +14,10 @@ use crate::lineage::{Model, ModelName};
 #[derive(Debug)]
 pub(super) struct ModelAt(pub Model);
 
+/// The name of a model that need not be there.
+#[derive(Debug)]
+pub(super) struct NewModelAt(pub ModelName);
+
 /// The key id a path names: sixteen hexadecimal digits.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct KeyAt(pub KeyId);
@@ -64,6 +68,17 @@ impl FromRequestParts<Arc<AppState>> for ModelAt {
     async fn from_request_parts(parts: &mut Parts, app: &Arc<AppState>) -> Result<Self, Problem> {
         let name = parameter(parts, "model").await?;
         find_model(app, &name).await.map(Self)
+    }
+}
+
+impl<S: Sync> FromRequestParts<S> for NewModelAt {
+    type Rejection = Problem;
+
+    async fn from_request_parts(parts: &mut Parts, _: &S) -> Result<Self, Problem> {
+        let name = parameter(parts, "model").await?;
+        let cannot_be =
+            |why: &dyn std::fmt::Display| Code::ModelNotFound.because(format!("{name:?} is no name: {why}"));
+        ModelName::parse(&name).map(Self).map_err(|error| cannot_be(&error))
     }
 }
 

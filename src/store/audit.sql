@@ -96,6 +96,10 @@ create temp view backup_taken as select '' as name, 0 as bytes;
 create temp trigger noted_backup instead of insert on backup_taken begin
     insert into noted values ('backup.take', null, new.name, json_object('bytes', new.bytes), null);
 end;
+create temp view archive_taken as select 0 as model_id, '' as name, 0 as bytes;
+create temp trigger noted_archive instead of insert on archive_taken begin
+    insert into noted values ('archive.take', new.model_id, new.name, json_object('bytes', new.bytes), null);
+end;
 
 create temp trigger noted_key after insert on access_key begin
     insert into noted values ('key.create', null, new.key_id,

@@ -30,7 +30,7 @@ fn folder(path: &Path) -> &Path {
 }
 
 /// A new empty file beside `path`, that goes unless it is kept.
-fn draft(path: &Path) -> Result<TempPath, StoreError> {
+pub(crate) fn draft(path: &Path) -> Result<TempPath, StoreError> {
     let draft = tempfile::Builder::new().prefix(".headway-").suffix(".partial").tempfile_in(folder(path));
     Ok(draft.map_err(refused(path))?.into_temp_path())
 }
@@ -42,7 +42,7 @@ fn settle(path: &Path) -> std::io::Result<()> {
 }
 
 /// Gives a finished draft its name.
-fn publish(draft: TempPath, to: &Path, force: bool) -> Result<(), StoreError> {
+pub(crate) fn publish(draft: TempPath, to: &Path, force: bool) -> Result<(), StoreError> {
     File::open(&draft).and_then(|file| file.sync_all()).map_err(refused(to))?;
     let named = if force { draft.persist(to) } else { draft.persist_noclobber(to) };
     named.map_err(|error| error.error).and_then(|()| settle(to)).map_err(|error| match error.kind() {
@@ -92,7 +92,7 @@ pub async fn backup(
 }
 
 /// What was found, when it is sound.
-async fn sound(path: &Path, progress: &(dyn Fn(Looking) + Sync)) -> Result<Verification, StoreError> {
+pub(super) async fn sound(path: &Path, progress: &(dyn Fn(Looking) + Sync)) -> Result<Verification, StoreError> {
     let verified = verify::verify(path, progress).await?;
     if verified.is_sound() { Ok(verified) } else { Err(StoreError::Unsound(Box::new(verified))) }
 }

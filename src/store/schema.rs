@@ -57,3 +57,24 @@ pub(super) async fn make(connection: &mut SqliteConnection, schema: i64) -> Resu
     }
     Ok(())
 }
+
+/// Makes an empty database of the newest schema that says so; when it was made is nothing that it tells.
+///
+/// # Errors
+/// When it cannot be written.
+pub(super) async fn make_newest(connection: &mut SqliteConnection) -> Result<(), StoreError> {
+    connection.ensure_migrations_table(APPLIED).await?;
+    make(connection, newest()).await?;
+    for migration in MIGRATIONS.iter() {
+        query(
+            "insert into _sqlx_migrations (version, description, installed_on, success, checksum, execution_time)
+             values (?, ?, '1970-01-01 00:00:00', true, ?, 0)",
+        )
+        .bind(migration.version)
+        .bind(&*migration.description)
+        .bind(&*migration.checksum)
+        .execute(&mut *connection)
+        .await?;
+    }
+    Ok(())
+}

@@ -15,6 +15,8 @@ pub enum Purpose {
     ModelCreated,
     /// A model begins where another one's version is.
     ModelForked,
+    /// A model is taken in from an archive.
+    ModelTakenIn,
     /// A model's training is held or released.
     ModelPaused,
     /// What of a model is kept is changed.
@@ -63,6 +65,8 @@ pub enum Purpose {
     SourceReleased,
     /// A backup was taken.
     BackupTaken,
+    /// A model was handed out as an archive.
+    ArchiveTaken,
     /// A key is made.
     KeyCreated,
     /// A key is revoked.
@@ -71,9 +75,10 @@ pub enum Purpose {
 
 impl Purpose {
     /// Every purpose.
-    pub const ALL: [Self; 27] = [
+    pub const ALL: [Self; 30] = [
         Self::ModelCreated,
         Self::ModelForked,
+        Self::ModelTakenIn,
         Self::ModelPaused,
         Self::RetentionChanged,
         Self::BatchUploaded,
@@ -98,6 +103,7 @@ impl Purpose {
         Self::VersionPruned,
         Self::SourceReleased,
         Self::BackupTaken,
+        Self::ArchiveTaken,
         Self::KeyCreated,
         Self::KeyRevoked,
     ];
@@ -108,6 +114,7 @@ impl Purpose {
         match self {
             Self::ModelCreated => "model_created",
             Self::ModelForked => "model_forked",
+            Self::ModelTakenIn => "model_taken_in",
             Self::ModelPaused => "model_paused",
             Self::RetentionChanged => "retention_changed",
             Self::BatchUploaded => "batch_uploaded",
@@ -132,6 +139,7 @@ impl Purpose {
             Self::VersionPruned => "version_pruned",
             Self::SourceReleased => "source_released",
             Self::BackupTaken => "backup_taken",
+            Self::ArchiveTaken => "archive_taken",
             Self::KeyCreated => "key_created",
             Self::KeyRevoked => "key_revoked",
         }

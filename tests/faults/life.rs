@@ -74,6 +74,7 @@ impl<'a> Life<'a> {
         self.bring().await;
         self.change_keys().await;
         self.create("/v1/backup", &json!({}), 201).await;
+        self.copy().await;
         self.outcome().await
     }
 
@@ -137,6 +138,34 @@ impl<'a> Life<'a> {
         let made = self.create("/v1/keys", &json!({"scopes": ["predict"]}), 201).await;
         let path = format!("/v1/keys/{}", made["key_id"].as_str().unwrap());
         self.send(Method::DELETE, &path, &json!({}), 200).await;
+    }
+
+    /// A model is forked, put into an archive, and taken in from it.
+    async fn copy(&mut self) {
+        let from = json!({"model": "fork", "method": "ewc", "from": {"model": "site", "version": 1}});
+        self.create("/v1/models", &from, 201).await;
+        let archive = self.bytes("/v1/models/fork/archive").await;
+        let key = self.key();
+        let sent = |process: &Process| {
+            let request = process.request(Method::POST, "/v1/models/moved/archive").header("idempotency-key", &key);
+            request.header("content-type", "application/vnd.sqlite3").body(archive.clone())
+        };
+        self.ask(sent).await.expect(201);
+    }
+
+    /// The whole of a file; a process that dies while it gives it is asked again.
+    async fn bytes(&mut self, path: &str) -> Vec<u8> {
+        loop {
+            let asked = self.process.request(Method::GET, path).bearer_auth(KEY).send().await;
+            if let Ok(answer) = asked {
+                assert_eq!(answer.status(), 200);
+                if let Ok(bytes) = answer.bytes().await {
+                    return bytes.to_vec();
+                }
+            }
+            self.process.expect_death(self.home);
+            self.process = restarted(self.home, self.disk, &mut self.next).await;
+        }
     }
 
     /// A running task is held, and then cancelled.

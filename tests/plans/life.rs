@@ -16,6 +16,7 @@ pub(crate) async fn lead() -> TempDir {
     upload(&server).await;
     learn(&server).await;
     unlearn(&server).await;
+    copy(&server).await;
     forget(&server).await;
     move_about(&server).await;
     stop_and_cancel(&server).await;
@@ -94,6 +95,18 @@ async fn unlearn(server: &Server) {
     server.post(&path("resume"), &json!({})).await.expect(200);
     for replay in replays {
         server.end_of("mas", &replay).await;
+    }
+}
+
+/// A fork, an archive, and a model out of it.
+async fn copy(server: &Server) {
+    let from = json!({"model": "fork", "method": "mas", "from": {"model": "mas", "version": 1}});
+    server.post("/v1/models", &from).await.expect(201);
+    for of in ["mas", "uploads"] {
+        let archive = server.request(Method::GET, &format!("/v1/models/{of}/archive")).send().await.unwrap();
+        let archive = archive.bytes().await.unwrap();
+        let request = server.request(Method::POST, &format!("/v1/models/{of}-moved/archive"));
+        server.send(request.header("content-type", "application/vnd.sqlite3").body(archive)).await.expect(201);
     }
 }
 

@@ -54,6 +54,7 @@ const A_LINE: &str = "sorts the events of a line, of which the method learns or 
 const A_RESERVOIR: &str = "sorts a test reservoir, which is bounded, and a task's test events";
 const TO_ERASE: &str = "reads batches whose content is to go";
 const QUEUED: &str = "reads the queue: of tasks that wait or run";
+const A_COPY: &str = "numbers the rows of one copy, or joins them to their old ids";
 const UNSEALED: &str = "reads rows that are not sealed yet: those of one transaction";
 
 /// A part of a statement, the beginning of a line of its plan, and why it may be there.
@@ -76,6 +77,9 @@ const ALLOWED: &[(&str, &str, &str)] = &[
     ("from task indexed by task_active", "SCAN task USING INDEX task_active", QUEUED),
     ("from task indexed by task_active", "USE TEMP B-TREE", QUEUED),
     ("update task set state = 'queued'", "SCAN task USING INDEX task_active", QUEUED),
+    ("insert into chosen_", "USE TEMP B-TREE", A_COPY),
+    ("insert into chosen_batch", "UNION USING TEMP B-TREE", A_COPY),
+    ("cross join chosen_event e on e.old = i.value", "USE TEMP B-TREE", A_RESERVOIR),
     ("from version indexed by version_unsealed", "SCAN version USING INDEX version_unsealed", UNSEALED),
     (
         "from version_regime indexed by version_regime_unsealed",
@@ -92,13 +96,20 @@ fn plain(sql: &str) -> String {
 
 /// Every piece of SQL that the store's code holds, with its place.
 fn written() -> Vec<(String, String)> {
+    written_in(&Path::new(env!("CARGO_MANIFEST_DIR")).join("src/store"))
+}
+
+fn written_in(folder: &Path) -> Vec<(String, String)> {
     const WORDS: [&str; 8] = ["select", "insert", "delete", "update", "where", "from", "returning", "values"];
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("src/store");
     let mut found = Vec::new();
     for entry in std::fs::read_dir(folder).unwrap() {
         let path = entry.unwrap().path();
-        // `verify` reads whole tables: that is what it is for, and no server does it to a database that it serves.
-        if path.is_dir() || path.ends_with("schema.rs") || path.ends_with("backup.rs") {
+        // `verify` reads whole tables, and so does who looks at a file that somebody sent: that is what it is for, and no server
+        // does it to a database that it serves.
+        if path.is_dir() && path.ends_with("copy") {
+            found.extend(written_in(&path));
+        }
+        if path.is_dir() || path.ends_with("schema.rs") || path.ends_with("backup.rs") || path.ends_with("examine.rs") {
             continue;
         }
         let name = path.file_name().unwrap().to_str().unwrap().to_owned();
@@ -149,8 +160,11 @@ async fn statements_look_up_what_they_read() {
     assert!(unheard.is_empty(), "lead the server to these too: {unheard:#?}");
     let options = SqliteConnectOptions::new().filename(directory.path().join("headway.db"));
     let mut connection = options.connect().await.unwrap();
-    // What the connection that writes has beside the tables.
-    sqlx::raw_sql(include_str!("../../src/store/audit.sql")).execute(&mut connection).await.unwrap();
+    // What the connection that writes has beside the tables, and what a copy within one database sees.
+    let copied = include_str!("../../src/store/copy/origin.sql").replace("ORIGIN", "main");
+    for beside in [include_str!("../../src/store/audit.sql"), &copied] {
+        sqlx::raw_sql(AssertSqlSafe(beside.to_owned())).execute(&mut connection).await.unwrap();
+    }
     let (mut wrong, mut used) = (BTreeSet::new(), BTreeSet::new());
     for statement in &heard {
         for step in plan(&mut connection, statement).await.into_iter().filter(|step| reads_much(statement, step)) {

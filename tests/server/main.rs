@@ -61,6 +61,7 @@ mod logged;
 mod models;
 /// What dashboards and alerts ask.
 mod monitoring;
+mod moves;
 /// Lists.
 mod paging;
 /// Predictions and simulations.

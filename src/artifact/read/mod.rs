@@ -10,7 +10,7 @@ mod theirs;
 mod tests;
 
 use crate::consolidation::{Method, RegimeMemory};
-use crate::driver::{DriverShape, Features, Scaling};
+use crate::driver::Scaling;
 use crate::lineage::{ModelName, ModelSettings, RegimeName};
 pub use defect::{ArtifactError, Defect};
 use file::File;
@@ -79,27 +79,5 @@ pub fn read(bytes: &[u8], method: Method, settings: &ModelSettings) -> Result<Br
         ours::read(&file, &keys, method, settings)
     } else {
         theirs::read(&file, &keys, settings)
-    }
-}
-
-/// What is wrong with a scaling for a network of this shape.
-fn check_scaling(scaling: &Scaling, shape: DriverShape) -> Result<(), String> {
-    let motion = scaling.motion.iter();
-    let all = [scaling.mean, scaling.spread, scaling.low, scaling.high].concat().into_iter();
-    let all = all.chain(motion.clone().flat_map(|motion| [motion.mean, motion.spread].concat()));
-    let spreads = scaling.spread.into_iter().chain(motion.flat_map(|motion| motion.spread));
-    if !all.into_iter().all(f32::is_finite) {
-        return Err("its numbers are to be finite".to_owned());
-    }
-    if !spreads.into_iter().all(|spread| spread > 0.0) {
-        return Err("each spread is to be greater than 0".to_owned());
-    }
-    match (shape.features, scaling.motion) {
-        (Features::Raw, Some(_)) => Err("motion is for models with features motion; this one has raw".to_owned()),
-        (Features::Motion, None) => {
-            Err("a model with features motion needs motion: {\"mean\": [3 numbers], \"spread\": [3 numbers]}"
-                .to_owned())
-        }
-        _ => Ok(()),
     }
 }

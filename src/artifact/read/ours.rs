@@ -8,7 +8,7 @@ use sha2::{Digest, Sha256};
 use super::defect::{ArtifactError, Defect};
 use super::file::{File, network_names};
 use super::keys::Keys;
-use super::{Brought, BroughtRegime, Origin, check_scaling};
+use super::{Brought, BroughtRegime, Origin};
 use crate::artifact::layers::layers;
 use crate::artifact::record::{FORMAT, RememberedRegime};
 use crate::artifact::safetensors::memory_name;
@@ -44,7 +44,7 @@ pub(super) fn read(
         return Err(Defect::key("weights_sha256", "digest", "the weights are not those of this digest").into());
     }
     let scaling: Scaling = keys.json("scaling")?;
-    check_scaling(&scaling, own.shape()).map_err(|detail| Defect::key("scaling", "invalid_value", detail))?;
+    scaling.check(own.shape()).map_err(|detail| Defect::key("scaling", "invalid_value", detail))?;
     let regimes = remembered.iter().enumerate().map(|(place, one)| regime_at(file, place, one, layout));
     Ok(Brought {
         origin: Some(Origin {

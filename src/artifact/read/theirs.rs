@@ -6,7 +6,7 @@ use sha2::{Digest, Sha256};
 use super::defect::{ArtifactError, Defect};
 use super::file::{File, network_names};
 use super::keys::Keys;
-use super::{Brought, BroughtRegime, check_scaling};
+use super::{Brought, BroughtRegime};
 use crate::driver::{MotionScaling, Scaling};
 use crate::lineage::{ModelSettings, RegimeName};
 
@@ -46,7 +46,7 @@ pub(super) fn read(file: &File<'_>, keys: &Keys<'_>, settings: &ModelSettings) -
         return Err(Defect::key("scaling", "missing", EXAMPLE).into());
     }
     let scaling = keys.json::<TheirScaling>("scaling")?.known();
-    check_scaling(&scaling, shape).map_err(|detail| Defect::key("scaling", "invalid_value", detail))?;
+    scaling.check(shape).map_err(|detail| Defect::key("scaling", "invalid_value", detail))?;
     check_outputs(keys, settings)?;
     let regime = if keys.has("regime") { keys.word("regime")? } else { RegimeName::parse("default").expect("a name") };
     Ok(Brought {

@@ -121,6 +121,8 @@ codes! {
         "Send one of the content types or encodings that the detail names."
     InvalidBody "invalid_body" UNPROCESSABLE_ENTITY "The body is not what this call takes"
         "`errors` says of each place what is wrong there, and what would be right."
+    InvalidArchive "invalid_archive" UNPROCESSABLE_ENTITY "The file is no archive that can be taken in"
+        "Send the bytes that GET …/archive gave, of a release that is no newer than this one; the detail says what is wrong with these."
     InvalidQuery "invalid_query" UNPROCESSABLE_ENTITY "A query parameter is unusable"
         "`errors` names the parameter, and what would be right."
     InvalidSettings "invalid_settings" UNPROCESSABLE_ENTITY "A setting is unusable"

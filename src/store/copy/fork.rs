@@ -3,7 +3,7 @@
 use jiff::Timestamp;
 use sqlx::query;
 
-use super::{Chosen, NewModel, copy};
+use super::{Chosen, NewModel, begin, copy};
 use crate::lineage::{Model, ModelName, ModelSettings};
 use crate::store::column::stored_time;
 use crate::store::history::{self, Action, Change};
@@ -68,7 +68,8 @@ impl Fork<'_> {
         };
         let from = format!("{}, version {at}", self.of.name);
         audit::copies(transaction, "model.fork", &from).await?;
-        let model_id = copy(transaction, "main", of, Chosen::Line(at), &new).await?;
+        begin(transaction, "main").await?;
+        let model_id = copy(transaction, of, Chosen::Line(at), &new).await?;
         let change = Change {
             model_id,
             action: Action::Promote,

@@ -1,8 +1,13 @@
-//! One way of copying a model's rows. Numbers of versions, digests and content stay; ids of rows are new, and so are the seals over them, written once the
+//! One way of copying a model's rows, from a database into itself or into another: forks, archives, what is taken in from
+//! them. Numbers of versions, digests and content stay; ids of rows are new, and so are the seals over them, written once the
 //! old ones were looked at.
 
+/// A model in a file of its own, and back.
+mod archive;
 /// Which rows.
 mod choose;
+/// A file that somebody sent.
+mod examine;
 mod fork;
 /// What is copied is what was written.
 mod intact;
@@ -12,10 +17,14 @@ mod rows;
 use sqlx::sqlite::{SqliteConnection, SqliteRow};
 use sqlx::{AssertSqlSafe, Row, query, raw_sql};
 
+pub use archive::{Archive, archive, note};
 pub use fork::{Fork, ForkRefused};
 
 use super::{StoreError, seal};
 use crate::lineage::ModelName;
+
+/// What an archive is.
+pub const MEDIA_TYPE: &str = "application/vnd.sqlite3";
 
 /// What is copied of a model.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -56,16 +65,14 @@ async fn end(connection: &mut SqliteConnection) -> Result<(), StoreError> {
     Ok(())
 }
 
-/// Copies what is chosen of the model with row id `of` in `origin`, and gives the new model's row id. In a transaction of the
-/// caller's, who knows that the name is free.
+/// Copies what is chosen of the model with row id `of` where this began, and gives the new model's row id. In a transaction of
+/// the caller's, who knows that the name is free.
 async fn copy(
     connection: &mut SqliteConnection,
-    origin: &'static str,
     of: i64,
     chosen: Chosen,
     new: &NewModel<'_>,
 ) -> Result<i64, StoreError> {
-    begin(connection, origin).await?;
     choose::choose(connection, of, chosen).await?;
     intact::look(connection, of).await?;
     let row = query(

@@ -173,6 +173,9 @@ pub(super) async fn open(path: &Path) -> Result<SqliteConnection, StoreError> {
     let options = SqliteConnectOptions::new()
         .filename(path)
         .read_only(true)
+        // It may be anybody's.
+        .pragma("trusted_schema", "off")
+        .pragma("cell_size_check", "on")
         .busy_timeout(Duration::from_secs(30))
         .disable_statement_logging();
     let mut connection = options.connect().await?;
