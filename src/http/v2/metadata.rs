@@ -11,9 +11,18 @@ use super::super::path::{MaybeVersionAt, ModelAt, ServedAt};
 use super::super::predict;
 use super::super::problem::Problem;
 use super::super::versions;
+use crate::lineage::Model;
 
 /// What computes, as the protocol names it.
 const PLATFORM: &str = "headway_lstm";
+
+/// Steps of a window of the named version, else of the model's.
+async fn horizon(app: &AppState, model: &Model, version: Option<i64>) -> Result<u32, Problem> {
+    Ok(match version {
+        Some(version) => versions::find(app, model, version).await?.settings.horizon,
+        None => model.settings.horizon,
+    })
+}
 
 /// `GET /v2/models/{model}[/versions/{version}]`
 pub(in crate::http) async fn model(
@@ -21,10 +30,7 @@ pub(in crate::http) async fn model(
     ModelAt(model): ModelAt,
     MaybeVersionAt(version): MaybeVersionAt,
 ) -> Result<Answer, Problem> {
-    let horizon = match version {
-        Some(version) => versions::find(&app, &model, version).await?.settings.horizon,
-        None => model.settings.horizon,
-    };
+    let horizon = horizon(&app, &model, version).await?;
     let numbers = match version {
         Some(version) => vec![version],
         None => app.store.newest_versions(model.model_id, app.settings.page_size_max).await?,
@@ -45,10 +51,7 @@ pub(in crate::http) async fn config(
     ModelAt(model): ModelAt,
     MaybeVersionAt(version): MaybeVersionAt,
 ) -> Result<Answer, Problem> {
-    let horizon = match version {
-        Some(version) => versions::find(&app, &model, version).await?.settings.horizon,
-        None => model.settings.horizon,
-    };
+    let horizon = horizon(&app, &model, version).await?;
     let idle_us = (app.predictor.settings().sequence_idle_s * 1e6) as u64;
     let input =
         |name: &str, dims: &[u32]| json!({"name": name, "data_type": "TYPE_FP32", "dims": dims, "optional": true});
