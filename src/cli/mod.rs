@@ -20,6 +20,8 @@ mod import;
 mod keys;
 /// How far a look at a database is, on stderr.
 mod looking;
+/// Members of answers in tables.
+mod member;
 /// Event files.
 mod recordings;
 /// A running server.

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 
 use serde_json::{Map, Value, json};
 
+use super::super::member::text;
 use crate::lineage::ModelName;
 
 /// Rejections of a file that a person is shown.
@@ -123,14 +124,4 @@ fn counts(counts: &Value) -> String {
     counts.sort_by_key(|(_, count)| std::cmp::Reverse(count.as_u64()));
     let told: Vec<_> = counts.into_iter().map(|(reason, count)| format!("{reason} {count}")).collect();
     if told.is_empty() { "none".to_owned() } else { told.join(", ") }
-}
-
-/// A member as a table shows it.
-fn text(value: &Value) -> String {
-    match value {
-        Value::Null => String::new(),
-        Value::String(text) => text.clone(),
-        Value::Array(items) => items.iter().map(text).collect::<Vec<_>>().join(","),
-        other => other.to_string(),
-    }
 }

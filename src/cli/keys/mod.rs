@@ -13,6 +13,7 @@ use clap::{Args, Subcommand};
 use jiff::{SpanRelativeTo, Timestamp};
 use serde_json::Value;
 
+use super::member::text;
 use super::remote::ServerArguments;
 use crate::access::{KeyWish, Scope};
 use crate::lineage::ModelName;
@@ -198,16 +199,6 @@ fn show_list(keys: &[Value], json: bool) -> anyhow::Result<()> {
         writeln!(out, "{id:16}  {state:7}  {scopes:20}  {models:20}  {expires:27}  {name}")?;
     }
     Ok(())
-}
-
-/// A member as a table shows it.
-fn text(value: &Value) -> String {
-    match value {
-        Value::Null => String::new(),
-        Value::String(text) => text.clone(),
-        Value::Array(items) => items.iter().map(text).collect::<Vec<_>>().join(","),
-        other => other.to_string(),
-    }
 }
 
 #[cfg(test)]

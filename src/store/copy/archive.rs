@@ -197,7 +197,7 @@ async fn fill(path: &Path, database: &Path, name: &ModelName) -> Result<bool, St
 /// Writes an archive of a model of the database at `database` to the new file `to`.
 ///
 /// # Errors
-/// As [`Archive::write`] and [`Archive::keep`].
+/// As [`Archive::write`], and when `to` is there already.
 pub async fn archive(
     database: &Path,
     name: &ModelName,
