@@ -9,9 +9,9 @@ use parquet::errors::{ParquetError, Result};
 use parquet::schema::types::ColumnDescriptor;
 
 use super::FormatError;
+use super::cell::{Cell, Run};
 use super::columns::Role;
 use super::excerpt::shortened;
-use super::rows::{Cell, Run};
 
 /// One column of a row group.
 pub(super) struct Column {

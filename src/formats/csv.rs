@@ -5,11 +5,11 @@ use std::io::BufRead;
 use ::csv::{ByteRecord, ErrorKind, ReaderBuilder};
 
 use super::FormatError;
+use super::cell::Cell;
 use super::columns::{Preset, ROLES, Role};
 use super::output::Output;
-use super::rows::Cell;
 use super::source::Budget;
-use super::table::table;
+use super::tables::table;
 use crate::car_following::{Extraction, ExtractionSettings};
 use crate::lineage::Place;
 

@@ -4,6 +4,8 @@
 //! An event that cannot be read is a `Rejection` and the next one follows; a body that cannot be read is a
 //! [`FormatError`](crate::formats::FormatError) and nothing of it counts.
 
+/// What tables have in their rows.
+mod cell;
 /// One column's cells of a Parquet file, a chunk at a time.
 mod cells;
 /// Columns by name: presets and the roles their columns play.
@@ -48,6 +50,8 @@ mod sheet;
 mod source;
 /// What the rows of a tabular body become.
 mod table;
+/// Which table the rows of a body are for.
+mod tables;
 /// The protocol in which Parquet files speak of themselves.
 mod thrift;
 

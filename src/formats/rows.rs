@@ -7,6 +7,7 @@ use std::rc::Rc;
 use sha2::{Digest, Sha256};
 
 use super::FormatError;
+use super::cell::{Cell, Run, text_of};
 use super::columns::Role;
 use super::draft::Draft;
 use super::excerpt::shortened;
@@ -15,35 +16,6 @@ use super::raw::Origin;
 use super::table::Table;
 use crate::car_following::Extraction;
 use crate::lineage::Place;
-
-/// One value of a row.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) enum Cell<'a> {
-    /// Empty or null.
-    Missing,
-    /// A number.
-    Number(f64),
-    /// Text; a number where one is needed and it reads as one.
-    Text(&'a str),
-}
-
-/// What a column holds in consecutive rows of one event.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) enum Run<'a> {
-    /// The same in all of them.
-    Same(Cell<'a>),
-    /// Numbers, none of which is missing.
-    Numbers(&'a [f64]),
-}
-
-impl<'a> Run<'a> {
-    pub(super) fn cell(&self, row: usize) -> Cell<'a> {
-        match self {
-            Self::Same(cell) => *cell,
-            Self::Numbers(numbers) => Cell::Number(numbers[row]),
-        }
-    }
-}
 
 /// Collects rows; an event ends where the next one begins.
 pub(super) struct Rows {
@@ -232,14 +204,6 @@ impl Current {
 fn digest(id: &str) -> [u8; 16] {
     let whole: [u8; 32] = Sha256::digest(id.as_bytes()).into();
     *whole.first_chunk().expect("32 bytes")
-}
-
-pub(super) fn text_of(cell: Cell<'_>) -> Cow<'_, str> {
-    match cell {
-        Cell::Missing => Cow::from(""),
-        Cell::Text(text) => Cow::from(text),
-        Cell::Number(number) => Cow::from(number.to_string()),
-    }
 }
 
 fn flawed(draft: &mut Draft, role: Role, step: usize, code: &'static str, what: &str) {

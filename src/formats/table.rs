@@ -1,11 +1,9 @@
 //! What the rows of a tabular body become: steps of events one after another, or a whole road.
 
-use super::columns::{Preset, Role};
+use super::FormatError;
+use super::cell::{Cell, Run};
 use super::output::Output;
-use super::rows::{Cell, Rows, Run};
-use super::scene::{Fcd, Ngsim};
-use super::{FormatError, FormatLimits};
-use crate::car_following::{Extraction, ExtractionSettings};
+use crate::car_following::Extraction;
 
 /// Takes rows, and gives events to the output.
 pub(super) trait Table {
@@ -38,18 +36,4 @@ pub(super) trait Table {
 
     /// The body has ended; what was extracted, where the rows were those of a road.
     fn end(self: Box<Self>, output: &mut Output<'_, '_>) -> Result<Option<Extraction>, FormatError>;
-}
-
-/// What takes rows of these columns.
-pub(super) fn table(
-    preset: Preset,
-    roles: Vec<Role>,
-    limits: &FormatLimits,
-    extraction: &ExtractionSettings,
-) -> Box<dyn Table> {
-    match preset {
-        Preset::Headway | Preset::Follownet => Box::new(Rows::new(roles)),
-        Preset::Ngsim => Box::new(Ngsim::new(&roles, limits, extraction)),
-        Preset::Fcd => Box::new(Fcd::of_rows(&roles, limits, extraction)),
-    }
 }

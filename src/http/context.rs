@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
 
 use axum::extract::{FromRequestParts, MatchedPath, Request, State};
-use axum::http::header::{ACCEPT, HeaderMap, HeaderName, HeaderValue};
+use axum::http::header::{HeaderMap, HeaderName, HeaderValue};
 use axum::http::request::Parts;
 use axum::http::{Method, StatusCode};
 use axum::middleware::Next;
@@ -16,10 +16,11 @@ use tracing::instrument::Instrumented;
 use tracing::{Instrument, Span};
 
 use super::AppState;
+use super::accept::acceptable;
 use super::gate::{Admitted, Need, limits};
 use super::path::model_named;
 use super::predict;
-use super::problem::{Code, Problem, RequestContext};
+use super::problem::{Problem, RequestContext};
 use super::refusals::Refusals;
 use super::route::Needs;
 use super::shield::shield;
@@ -228,45 +229,6 @@ fn counted(method: &Method) -> &'static str {
     }
 }
 
-/// Whether the client takes what the route sends.
-pub(super) fn acceptable(headers: &HeaderMap, route: &str) -> Result<(), Problem> {
-    let offers: &[&str] = match route {
-        "/metrics" => &["text/plain"],
-        route if route.ends_with("/progress") => &["text/event-stream"],
-        "/openapi.yaml" => &["application/yaml"],
-        "/docs" => &["text/html"],
-        "/docs/{file}" => return Ok(()),
-        // Clients of the protocol say what they decompress, and nothing of types.
-        route if v2::is_under(route) || route.ends_with("/artifact") => return Ok(()),
-        route if route.ends_with("/events") => &["application/x-ndjson", "text/csv", "application/vnd.apache.parquet"],
-        route if route.ends_with("/evaluation") || route == predict::ROUTE => {
-            &["application/json", "application/problem+json", "text/csv", "application/vnd.apache.parquet"]
-        }
-        _ => &["application/json", "application/problem+json"],
-    };
-    let mut accepts =
-        headers.get_all(ACCEPT).iter().filter_map(|v| v.to_str().ok()).flat_map(|v| v.split(',')).peekable();
-    if accepts.peek().is_none() || accepts.any(|range| offers.iter().any(|offer| takes(range, offer))) {
-        return Ok(());
-    }
-    Err(Code::NotAcceptable.because(format!("this call answers {}", offers[0])))
-}
-
-fn takes(range: &str, offer: &str) -> bool {
-    weight(range, offer) > 0.0
-}
-
-/// How much a range of `Accept` likes what is offered, 0 to 1.
-pub(super) fn weight(range: &str, offer: &str) -> f32 {
-    let mut parts = range.split(';').map(str::trim);
-    let media = parts.next().unwrap_or_default();
-    let family = offer.split('/').next().unwrap_or_default();
-    if media != "*/*" && !media.eq_ignore_ascii_case(offer) && media != format!("{family}/*") {
-        return 0.0;
-    }
-    parts.find_map(|part| part.strip_prefix("q=")?.parse().ok()).unwrap_or(1.0)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -282,14 +244,5 @@ mod tests {
         let made = ids.of(&headers(REQUEST_ID, "two words"));
         assert_ne!(made, ids.of(&HeaderMap::new()));
         assert!(is_sane(made.as_bytes()));
-    }
-
-    #[test]
-    fn accept_is_honoured_with_wildcards_and_refusals() {
-        let ok = |accept| acceptable(&headers(ACCEPT, accept), "/v1/models").is_ok();
-        assert!(ok("*/*") && ok("application/*") && ok("text/html, application/json;q=0.5"));
-        assert!(!ok("text/html") && !ok("application/json;q=0"));
-        assert!(acceptable(&headers(ACCEPT, "text/event-stream"), "/v1/x/progress").is_ok());
-        assert!(acceptable(&HeaderMap::new(), "/metrics").is_ok());
     }
 }

@@ -18,8 +18,9 @@ use bytes::Bytes;
 use futures_util::FutureExt;
 use tower::ServiceExt;
 
+use super::accept::acceptable;
 use super::body::Json;
-use super::context::{Observation, acceptable};
+use super::context::Observation;
 use super::path::ServedAt;
 use super::table::{FIGURES, Form};
 use super::{AppState, panicked, predict, router};

@@ -1,5 +1,7 @@
 //! The REST interface. One file per resource: routes, bodies, handlers. Status codes live here and nowhere else.
 
+/// `Accept`.
+mod accept;
 /// Answers that can be kept and sent again.
 mod answer;
 /// Models as files.

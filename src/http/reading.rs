@@ -5,8 +5,9 @@ use axum::http::HeaderMap;
 use jiff::Timestamp;
 use serde::de::DeserializeOwned;
 
+use super::accept::acceptable;
 use super::body::{parse, refuse_declared_excess};
-use super::context::{REQUEST_ID, acceptable, is_sane};
+use super::context::{REQUEST_ID, is_sane};
 use super::evaluate;
 use super::events_body::{kind, option_problem};
 use super::gate::bearer;

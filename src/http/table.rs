@@ -6,7 +6,7 @@ use axum::http::header::{ACCEPT, CONTENT_DISPOSITION, CONTENT_TYPE, HeaderValue}
 use axum::response::Response;
 use serde::Deserialize;
 
-use super::context::weight;
+use super::accept::weight;
 use super::problem::{Code, InputError, Problem};
 use crate::formats::{Sheet, SheetFormat, whole_sheet};
 

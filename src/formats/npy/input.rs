@@ -2,7 +2,7 @@
 
 use std::io::{BufRead, Read};
 
-use super::pickle::broken;
+use super::flaw::broken;
 use crate::formats::FormatError;
 
 /// Longest line, such as a name in protocol 2, bytes.

@@ -8,6 +8,8 @@
 
 /// What arrays are of.
 mod element;
+/// What is wrong with a pickle.
+mod flaw;
 /// What stands before the array.
 mod header;
 /// A pickle's bytes.

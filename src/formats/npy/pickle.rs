@@ -14,6 +14,7 @@ use std::ops::RangeInclusive;
 use std::rc::Rc;
 
 use super::element::Element;
+use super::flaw::{broken, forbidden};
 use super::input::Input;
 use super::value::{Name, Room, Value};
 use super::{COLUMNS, Column};
@@ -67,15 +68,6 @@ pub(super) fn decode(
         [Value::Whole] => Ok(machine.given),
         _ => Err(broken("it is not of an array of objects")),
     }
-}
-
-pub(super) fn broken(what: &str) -> FormatError {
-    FormatError::malformed(None, &format!("the pickle is broken: {what}"))
-}
-
-pub(super) fn forbidden(what: &str) -> FormatError {
-    let detail = format!("the pickle {what}; lists, numbers and arrays are read and nothing else, and nothing is run");
-    FormatError::invalid(super::whole(), "forbidden_pickle", detail)
 }
 
 /// A list or an array while it is read.

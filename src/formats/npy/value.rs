@@ -5,7 +5,7 @@ use std::ops::Deref;
 use std::rc::Rc;
 
 use super::element::Element;
-use super::pickle::{broken, forbidden};
+use super::flaw::{broken, forbidden};
 use crate::formats::FormatError;
 use crate::formats::excerpt::shortened;
 

@@ -10,10 +10,10 @@ use super::labels::{Label, Labels};
 use super::room::Room;
 use super::{Names, flaw, needed, number, put, ragged};
 use crate::car_following::{Ahead, Extraction, ExtractionSettings, Extractor, Follower, Segment, Sighting};
+use crate::formats::cell::{Cell, text_of};
 use crate::formats::columns::{LEADERS, Role};
 use crate::formats::excerpt::shortened;
 use crate::formats::output::Output;
-use crate::formats::rows::{Cell, text_of};
 use crate::formats::table::Table;
 use crate::formats::{FormatError, FormatLimits};
 

@@ -6,8 +6,8 @@ use std::collections::HashMap;
 use super::flaw;
 use super::room::Room;
 use crate::formats::FormatError;
+use crate::formats::cell::{Cell, text_of};
 use crate::formats::columns::Role;
-use crate::formats::rows::{Cell, text_of};
 
 /// Columns of text, in the order in which labels hold them.
 const TEXTS: [Role; 4] = [Role::Location, Role::Source, Role::Run, Role::Split];

@@ -16,12 +16,12 @@ pub(super) use ngsim::Ngsim;
 pub(super) use xml::decode;
 
 use super::FormatError;
+use super::cell::Cell;
 use super::columns::Role;
 use super::draft::Draft;
 use super::excerpt::shortened;
 use super::output::Output;
 use super::raw::Origin;
-use super::rows::Cell;
 use crate::car_following::Segment;
 use crate::lineage::Place;
 use labels::Label;

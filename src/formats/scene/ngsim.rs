@@ -14,9 +14,9 @@ use super::labels::Labels;
 use super::room::Room;
 use super::{Names, flaw, needed, number, put, ragged};
 use crate::car_following::{Ahead, Extraction, ExtractionSettings, Extractor, Follower, Segment, Sighting};
+use crate::formats::cell::Cell;
 use crate::formats::columns::Role;
 use crate::formats::output::Output;
-use crate::formats::rows::Cell;
 use crate::formats::table::Table;
 use crate::formats::{FormatError, FormatLimits};
 

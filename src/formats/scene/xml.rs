@@ -14,9 +14,9 @@ use super::fcd::{Fcd, Vehicle};
 use super::{needed, number};
 use crate::car_following::{Extraction, ExtractionSettings};
 use crate::formats::FormatError;
+use crate::formats::cell::Cell;
 use crate::formats::columns::Role;
 use crate::formats::output::Output;
-use crate::formats::rows::Cell;
 use crate::formats::source::Budget;
 
 /// Elements within each other, attributes of one, and bytes of its tag: SUMO writes 3, about 20, and some hundred.

@@ -13,6 +13,9 @@ use super::super::problem::Problem;
 use super::super::versions;
 use crate::lineage::Model;
 
+/// What is given, in the order in which it is answered when all is asked for.
+pub(super) const OUTPUTS: [&str; 2] = ["accel_mps2", "raw_accel_mps2"];
+
 /// What computes, as the protocol names it.
 const PLATFORM: &str = "headway_lstm";
 
@@ -41,7 +44,7 @@ pub(in crate::http) async fn model(
         "versions": numbers.iter().map(ToString::to_string).collect::<Vec<_>>(),
         "platform": PLATFORM,
         "inputs": [tensor("window", &[-1, i64::from(horizon), 4]), tensor("step", &[1, 4])],
-        "outputs": [tensor("accel_mps2", &[-1, 1]), tensor("raw_accel_mps2", &[-1, 1])],
+        "outputs": OUTPUTS.map(|name| tensor(name, &[-1, 1])),
     })))
 }
 
@@ -63,7 +66,7 @@ pub(in crate::http) async fn config(
         "max_batch_size": app.settings.predict_windows_max,
         "version_policy": {"all": {}},
         "input": [input("window", &[horizon, 4]), input("step", &[4])],
-        "output": [output("accel_mps2"), output("raw_accel_mps2")],
+        "output": OUTPUTS.map(output),
         "sequence_batching": {"max_sequence_idle_microseconds": idle_us},
     })))
 }

@@ -5,12 +5,10 @@ use axum::http::header::CONTENT_TYPE;
 use serde::Serialize;
 use serde_json::{Map, Value, json};
 
+use super::metadata::OUTPUTS;
 use super::request::{HEADER_LENGTH, Request};
 use super::tensor::Elements;
 use crate::predictor::{Flag, Prediction};
-
-/// In the order in which they are answered when all are asked for.
-pub(super) const NAMES: [&str; 2] = ["accel_mps2", "raw_accel_mps2"];
 
 /// The JSON of an answer.
 #[derive(Debug, Serialize)]
@@ -50,7 +48,7 @@ pub(super) fn answer(
     rel_speed_differs: bool,
 ) -> Response<axum::body::Body> {
     let mut tail = Vec::new();
-    let all = || NAMES.iter().map(|&name| (name, None)).collect();
+    let all = || OUTPUTS.iter().map(|&name| (name, None)).collect();
     let wanted = request.outputs.as_ref().filter(|outputs| !outputs.is_empty());
     let wanted: Vec<_> = wanted.map_or_else(all, |outputs| {
         outputs.iter().map(|output| (output.name.as_str(), output.parameters.binary_data)).collect()
@@ -87,7 +85,7 @@ pub(super) fn answer(
 }
 
 fn elements(name: &str, predictions: &[Prediction]) -> Vec<f32> {
-    let served = name == NAMES[0];
+    let served = name == OUTPUTS[0];
     predictions.iter().map(|answer| if served { answer.accel_mps2 } else { answer.raw_accel_mps2 }).collect()
 }
 

@@ -10,6 +10,7 @@ use serde::Deserialize;
 use super::super::AppState;
 use super::super::body::{Held, parse, too_large};
 use super::super::problem::{Code, InputError, Problem};
+use super::metadata::OUTPUTS;
 use super::tensor::{Elements, wrong};
 use crate::driver::Seen;
 use crate::predictor::SequenceId;
@@ -232,8 +233,8 @@ impl Tensor {
 impl Wanted {
     fn check(&self) -> Result<(), Problem> {
         let name = &self.name;
-        if !super::outputs::NAMES.contains(&name.as_str()) {
-            let detail = format!("{} are there", super::outputs::NAMES.join(" and "));
+        if !OUTPUTS.contains(&name.as_str()) {
+            let detail = format!("{} are there", OUTPUTS.join(" and "));
             return Err(wrong(name, "unknown_output", detail));
         }
         if self.parameters.classification.is_some_and(|classes| classes > 0) {
