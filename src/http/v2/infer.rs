@@ -29,12 +29,12 @@ pub(in crate::http) async fn infer(
     MaybeVersionAt(version): MaybeVersionAt,
     request: HttpRequest,
 ) -> Result<Response, Problem> {
-    app.unloaded.check(&model)?;
     let (parts, body) = request.into_parts();
     let held = read_whole(&parts.headers, body, &app).await?;
     let began = Instant::now();
     let request = understood_somewhere(&app, parts.headers, held).await?;
     let input = began.elapsed();
+    app.unloaded.check(&model)?;
     let (version, answered) = match &request.input {
         Input::Windows { count, horizon, elements } => {
             windows(&app, &model, version, [*count, *horizon], elements).await?

@@ -10,6 +10,7 @@ use serde::Deserialize;
 use super::super::AppState;
 use super::super::body::{Held, parse, too_large};
 use super::super::problem::{Code, InputError, Problem};
+use super::super::whole::Whole;
 use super::metadata::OUTPUTS;
 use super::tensor::{Elements, wrong};
 use crate::driver::Seen;
@@ -101,6 +102,7 @@ struct Parameters {
 #[serde(untagged)]
 enum GivenId {
     Number(u64),
+    Whole(Whole),
     Text(String),
 }
 
@@ -108,7 +110,7 @@ enum GivenId {
 #[serde(deny_unknown_fields)]
 struct Tensor {
     name: String,
-    shape: Vec<u64>,
+    shape: Vec<Whole>,
     datatype: String,
     #[serde(default)]
     parameters: TensorParameters,
@@ -117,7 +119,7 @@ struct Tensor {
 
 #[derive(Debug, Default, Deserialize)]
 struct TensorParameters {
-    binary_data_size: Option<u64>,
+    binary_data_size: Option<Whole>,
     shared_memory_region: Option<String>,
 }
 
@@ -205,6 +207,8 @@ impl Tensor {
     /// Name, shape and elements; those that are sent as bytes are taken off `behind`.
     fn read(self, behind: &mut &[u8]) -> Result<(String, Vec<u64>, Vec<f32>), Problem> {
         let Self { name, shape, datatype, parameters, data } = self;
+        let shape = shape.iter().map(|&Whole(length)| u64::try_from(length)).collect::<Result<Vec<_>, _>>();
+        let shape = shape.map_err(|_| wrong(&name, "wrong_shape", "a length below 0".to_owned()))?;
         if datatype != "FP32" {
             return Err(wrong(&name, "wrong_datatype", format!("{datatype:?}; FP32 is taken")));
         }
@@ -213,7 +217,7 @@ impl Tensor {
         }
         let elements = match (data, parameters.binary_data_size) {
             (Some(elements), None) => elements,
-            (None, Some(size)) => {
+            (None, Some(Whole(size))) => {
                 let taken = usize::try_from(size).ok().and_then(|size| behind.split_at_checked(size));
                 let (own, rest) = taken.ok_or_else(|| {
                     let detail = format!("binary_data_size {size}, and {} bytes are left", behind.len());
@@ -251,9 +255,13 @@ impl Parameters {
     /// The sequence; 0 and an empty name are none.
     fn sequence(&self) -> Result<Option<Sequence>, Problem> {
         let id = match &self.sequence_id {
-            None | Some(GivenId::Number(0)) => return Ok(None),
+            None | Some(GivenId::Number(0) | GivenId::Whole(Whole(0))) => return Ok(None),
             Some(GivenId::Text(name)) if name.is_empty() => return Ok(None),
             Some(GivenId::Number(number)) => SequenceId::Number(*number),
+            Some(GivenId::Whole(Whole(number))) => SequenceId::Number(u64::try_from(*number).map_err(|_| {
+                let error = InputError::at("/parameters/sequence_id", "out_of_range", "a number below 0");
+                Code::InvalidBody.because("the sequence has no usable id").with_error(error)
+            })?),
             Some(GivenId::Text(name)) if name.len() > MAX_ID_BYTES => {
                 let detail = format!("at most {MAX_ID_BYTES} bytes are taken");
                 let error = InputError::at("/parameters/sequence_id", "too_long", detail);
