@@ -110,8 +110,6 @@ def filter_failure(context, failure, case, response):
     why = None
     if isinstance(failure, (RejectedPositiveData, EnsureResourceAvailability)):
         why = foreseen(case, response)
-    elif isinstance(failure, ServerError) and response.status_code == 501 and "501" in case.operation.responses.status_codes:
-        why = "a later release brings it, and the contract says so"
     elif isinstance(failure, ServerError) and response.status_code == 503 and b"is unloaded; load it first" in response.content:
         why = "a model that was unloaded is not ready, as the protocol has it"
     elif isinstance(failure, UseAfterFree):

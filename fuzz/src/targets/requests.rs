@@ -58,7 +58,6 @@ fn head(lines: &[u8]) {
                 Code::NotAcceptable
                     | Code::MalformedHeader
                     | Code::UnsupportedMediaType
-                    | Code::NotAvailable
                     | Code::BodyTooLarge
             );
             assert!(known, "{code:?}");

@@ -137,8 +137,6 @@ codes! {
         "Wait as long as Retry-After says; fewer and larger requests help, or a key with a limit of its own."
     Internal "internal" INTERNAL_SERVER_ERROR "Something went wrong here"
         "Send the request id to whoever runs the server: the log has the cause under it. The same request may be sent again."
-    NotAvailable "not_available" NOT_IMPLEMENTED "Not available in this release"
-        "This release does not do it; CHANGELOG.md says which does."
     Busy "busy" SERVICE_UNAVAILABLE "Too many requests of this kind at once"
         "Come again as soon as Retry-After says; how many are taken at once is a setting."
     DatabaseBusy "database_busy" SERVICE_UNAVAILABLE "Other changes keep the database busy for too long"
