@@ -26,8 +26,8 @@ const PIECE_BYTES: usize = 256 << 10;
 #[command(group = clap::ArgGroup::new("way").required(true).args(["to", "from"]))]
 pub(super) struct ArchiveArguments {
     /// The model; with --from its name from then on, which must be free
-    #[arg(long, value_name = "NAME")]
-    model: String,
+    #[arg(long, value_name = "NAME", value_parser = ModelName::parse)]
+    model: ModelName,
     /// Put the model into this new file
     #[arg(long, value_name = "FILE")]
     to: Option<PathBuf>,
@@ -66,18 +66,18 @@ pub(super) fn run(arguments: &ArchiveArguments) -> anyhow::Result<()> {
 }
 
 async fn moved(arguments: &ArchiveArguments, bar: &Bar) -> anyhow::Result<Value> {
-    let name = ModelName::parse(&arguments.model).context("--model")?;
+    let name = &arguments.model;
     match (arguments.server.remote()?, &arguments.database, &arguments.to, &arguments.from) {
-        (Some(server), _, Some(to), _) => download(&server, &name, to, arguments.force).await,
-        (Some(server), _, _, Some(from)) => upload(&server, &name, from).await,
+        (Some(server), _, Some(to), _) => download(&server, name, to, arguments.force).await,
+        (Some(server), _, _, Some(from)) => upload(&server, name, from).await,
         (None, Some(database), Some(to), _) => {
-            let written = copy::archive(database, &name, to, arguments.force, &|looking| bar.show(looking)).await?;
+            let written = copy::archive(database, name, to, arguments.force, &|looking| bar.show(looking)).await?;
             if written.is_none() {
                 bail!("{} has no model {name}", database.display());
             }
             Ok(json!({"name": to, "bytes": std::fs::metadata(to)?.len()}))
         }
-        (None, Some(database), _, Some(from)) => take_in(database, &name, from, bar).await,
+        (None, Some(database), _, Some(from)) => take_in(database, name, from, bar).await,
         _ => bail!("--database FILE or --server URL, and --to FILE or --from FILE"),
     }
 }

@@ -24,6 +24,8 @@ mod looking;
 mod member;
 /// Event files.
 mod recordings;
+/// Where the work is.
+mod place;
 /// A running server.
 mod remote;
 /// The paper's experiment, from event files to its tables and figures.

@@ -13,7 +13,7 @@ use clap::{Args, Subcommand};
 use serde_json::json;
 use tempfile::NamedTempFile;
 
-use super::remote::ServerArguments;
+use super::place::Place;
 use crate::formats::SheetFormat;
 use crate::lineage::ModelName;
 
@@ -60,11 +60,8 @@ struct Common {
     /// The file that is written; its name says in what form
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
-    /// The database file, while no server has it open [default: ./headway.db]
-    #[arg(long, value_name = "FILE")]
-    database: Option<PathBuf>,
     #[command(flatten)]
-    server: ServerArguments,
+    place: Place,
     /// Print one JSON object
     #[arg(long)]
     json: bool,
@@ -92,7 +89,7 @@ async fn export(what: &What) -> anyhow::Result<()> {
     };
     let form = form(&common.out, forms)?;
     let mut file = beside(&common.out)?;
-    match (common.server.remote()?, what) {
+    match (common.place.server()?, what) {
         (Some(remote), _) => {
             let path = format!("/v1/models/{}/{thing}?format={form}", common.model);
             remote.download(&path, file.as_file_mut()).await?;
@@ -103,7 +100,7 @@ async fn export(what: &What) -> anyhow::Result<()> {
                 "parquet" => Some(SheetFormat::Parquet),
                 _ => None,
             };
-            local::events(common.database.as_deref(), &common.model, batch, table, file.as_file_mut()).await?;
+            local::events(common.place.database(), &common.model, batch, table, file.as_file_mut()).await?;
         }
         (None, _) => bail!("a running server hands this out: --server URL"),
     }

@@ -16,7 +16,7 @@ use serde::de::DeserializeOwned;
 use serde_json::{Value, json};
 
 use super::looking::Bar;
-use super::remote::ServerArguments;
+use super::place::Place;
 use crate::formats::{Encoding, Format, Preset};
 use crate::ingest::{SpacingKind, UploadOptions};
 use crate::lineage::{ModelName, RegimeName};
@@ -36,11 +36,8 @@ pub(super) struct ImportArguments {
     model: ModelName,
     #[command(flatten)]
     options: Options,
-    /// The database file, while no server has it open [default: ./headway.db]
-    #[arg(long, value_name = "FILE")]
-    database: Option<PathBuf>,
     #[command(flatten)]
-    server: ServerArguments,
+    place: Place,
     /// Print one JSON object instead of tables
     #[arg(long)]
     json: bool,
@@ -164,10 +161,10 @@ pub(super) fn run(arguments: &ImportArguments) -> anyhow::Result<()> {
 
 /// Imports one file after the other, and ends when something fails that is not the file's.
 async fn import(arguments: &ImportArguments, outcomes: &mut Vec<(PathBuf, Outcome)>) -> anyhow::Result<()> {
-    let ImportArguments { files, model, options, database, server, .. } = arguments;
-    let target = match server.remote()? {
+    let ImportArguments { files, model, options, place, .. } = arguments;
+    let target = match place.server()? {
         Some(remote) => Target::Server(Box::new(Server::new(remote, model))),
-        None => Target::Database(Box::new(Database::open(database.as_deref(), model).await?)),
+        None => Target::Database(Box::new(Database::open(place.database(), model).await?)),
     };
     let (bar, mut ended) = (Bar::new(), Ok(()));
     for path in files {

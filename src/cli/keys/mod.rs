@@ -6,7 +6,6 @@ mod local;
 mod remote;
 
 use std::io::Write;
-use std::path::PathBuf;
 
 use anyhow::{Context, bail};
 use clap::{Args, Subcommand};
@@ -14,7 +13,7 @@ use jiff::{SpanRelativeTo, Timestamp};
 use serde_json::Value;
 
 use super::member::text;
-use super::remote::ServerArguments;
+use super::place::Place;
 use crate::access::{KeyWish, Scope};
 use crate::lineage::ModelName;
 use local::Database;
@@ -40,11 +39,8 @@ enum Command {
 /// Whose keys.
 #[derive(Debug, Args)]
 struct Whose {
-    /// The database file, while no server has it open [default: ./headway.db]
-    #[arg(long, value_name = "FILE")]
-    database: Option<PathBuf>,
     #[command(flatten)]
-    server: ServerArguments,
+    place: Place,
     /// Print JSON on stdout, as the server answers it
     #[arg(long)]
     json: bool,
@@ -98,9 +94,9 @@ enum Keys {
 
 impl Keys {
     async fn of(whose: &Whose, create: bool) -> anyhow::Result<Self> {
-        match whose.server.remote()? {
+        match whose.place.server()? {
             Some(remote) => Ok(Self::Server(Server(remote))),
-            None => Database::open(whose.database.as_deref(), create).await.map(Self::Database),
+            None => Database::open(whose.place.database(), create).await.map(Self::Database),
         }
     }
 
