@@ -5,11 +5,8 @@ use std::sync::Arc;
 
 use axum::body::Body;
 use axum::extract::{Request, State};
-use axum::http::StatusCode;
-use axum::http::header::{
-    CONTENT_DISPOSITION, CONTENT_LENGTH, CONTENT_TYPE, ETAG, HeaderMap, HeaderValue, IF_NONE_MATCH,
-};
-use axum::response::{IntoResponse, Response};
+use axum::http::HeaderMap;
+use axum::response::Response;
 use bytes::Bytes;
 use futures_util::stream;
 use tokio::io::AsyncReadExt;
@@ -19,6 +16,7 @@ use tokio::sync::OwnedSemaphorePermit;
 use super::AppState;
 use super::answer::Answer;
 use super::body::media_type;
+use super::download::{self, PIECE_BYTES, Tag};
 use super::events_body::take_body;
 use super::fork::{BUSY, taken};
 use super::gate::Caller;
@@ -31,9 +29,6 @@ use crate::lineage::{Model, ModelName};
 use crate::scheduler::step_back;
 use crate::store::copy::{Archive, MEDIA_TYPE, note};
 use crate::store::{Actor, StoreError};
-
-/// Bytes handed on at once.
-const PIECE_BYTES: usize = 256 << 10;
 
 fn slot(app: &AppState) -> Result<OwnedSemaphorePermit, Problem> {
     Arc::clone(&app.copy_slots).try_acquire_owned().map_err(|_| Problem::busy(Code::Busy, BUSY))
@@ -61,26 +56,19 @@ pub(super) async fn download(
 ) -> Result<Response, Problem> {
     let slot = slot(&app)?;
     let (file, bytes, tag) = written(&app, &model).await?;
-    let tag = HeaderValue::try_from(format!("\"{}\"", hex::encode(tag))).expect("digits");
-    if headers.get(IF_NONE_MATCH) == Some(&tag) {
-        return Ok((StatusCode::NOT_MODIFIED, [(ETAG, tag)]).into_response());
+    if let Some(known) = tag.not_modified(&headers) {
+        return Ok(known);
     }
     let mut tx = app.store.begin_for(&by).await?;
     note(&mut tx, &model, bytes).await?;
     tx.commit().await?;
     tracing::info!(model = %model.name, bytes, "an archive was taken");
-    let mut response = Response::new(body(file, slot));
-    let told = response.headers_mut();
-    told.insert(CONTENT_TYPE, HeaderValue::from_static(MEDIA_TYPE));
-    told.insert(CONTENT_LENGTH, bytes.into());
-    let disposition = format!("attachment; filename=\"{}.headway\"", model.name);
-    told.insert(CONTENT_DISPOSITION, HeaderValue::try_from(disposition).expect("names are letters and digits"));
-    told.insert(ETAG, tag);
-    Ok(response)
+    let name = format!("{}.headway", model.name);
+    Ok(tag.on(download::file(&name, MEDIA_TYPE, body(file, slot)), bytes))
 }
 
-/// The archive, which has no name any more, with its length and digest.
-async fn written(app: &Arc<AppState>, model: &Model) -> Result<(File, u64, [u8; 32]), Problem> {
+/// The archive, which has no name any more, with its length and tag.
+async fn written(app: &Arc<AppState>, model: &Model) -> Result<(File, u64, Tag), Problem> {
     let (writer, name) = (Arc::clone(app), model.name.clone());
     let written = aside(app, move || {
         let (database, folder) = (writer.store.path(), &writer.ingest.spool_folder);
@@ -90,7 +78,7 @@ async fn written(app: &Arc<AppState>, model: &Model) -> Result<(File, u64, [u8; 
         Ok(Some(archive.unnamed()?))
     });
     match written.await? {
-        Ok(Some(written)) => Ok(written),
+        Ok(Some((file, bytes, digest))) => Ok((file, bytes, Tag::new(digest))),
         Ok(None) => Err(Problem::internal("a model that went")),
         Err(StoreError::Unsound(found)) => {
             let detail = format!("an archive would hold {} faults; `headway verify` lists them", found.faults_in_all());

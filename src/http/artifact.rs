@@ -5,11 +5,8 @@ use std::sync::Arc;
 
 use axum::body::Body;
 use axum::extract::State;
-use axum::http::header::{
-    CONTENT_DISPOSITION, CONTENT_LENGTH, CONTENT_TYPE, ETAG, HeaderMap, HeaderValue, IF_NONE_MATCH,
-};
-use axum::http::{Response as HttpResponse, StatusCode};
-use axum::response::{IntoResponse, Response};
+use axum::http::HeaderMap;
+use axum::response::Response;
 use bytes::Bytes;
 use futures_util::stream;
 use serde::Deserialize;
@@ -17,6 +14,7 @@ use sha2::{Digest, Sha256};
 use tokio::sync::OwnedSemaphorePermit;
 
 use super::AppState;
+use super::download::{self, PIECE_BYTES, Tag};
 use super::path::{ModelAt, VersionAt};
 use super::problem::{Code, InputError, Problem};
 use super::query::Query;
@@ -25,9 +23,6 @@ use crate::artifact::{OnnxNames, Record, RememberedRegime, header, onnx, weights
 use crate::driver::Scaling;
 use crate::lineage::{Model, Version};
 use crate::store::{Store, StoreError};
-
-/// Bytes handed on at once.
-const PIECE_BYTES: usize = 256 << 10;
 
 /// The query of a download.
 #[derive(Debug, Deserialize)]
@@ -66,9 +61,7 @@ pub(super) async fn download(
     Query(wanted): Query<Wanted>,
 ) -> Result<Response, Problem> {
     let format = wanted.format()?;
-    let full = "as many versions as the server hands out or takes in at once are under way";
-    let slot = Arc::clone(&app.artifact_slots).try_acquire_owned();
-    let slot = slot.map_err(|_| Problem::busy(Code::Busy, full))?;
+    let turn = download::turn(&app)?;
     let version = versions::find(&app, &model, number).await?;
     let weights = weights(&app, &model, &version).await?;
     let file = match format {
@@ -77,7 +70,11 @@ pub(super) async fn download(
     };
     let suffix = if matches!(format, Format::Onnx) { "onnx" } else { "safetensors" };
     let name = format!("{}-v{}.{suffix}", model.name, version.version);
-    Ok(answer(file, &name, &headers, Arc::clone(&app), slot))
+    if let Some(known) = file.tag.not_modified(&headers) {
+        return Ok(known);
+    }
+    let (tag, bytes) = (file.tag.clone(), file.bytes);
+    Ok(tag.on(download::file(&name, "application/octet-stream", body(file, app, turn)), bytes))
 }
 
 /// The version's weights, where there are any and they are what was written.
@@ -103,7 +100,7 @@ async fn weights(app: &AppState, model: &Model, version: &Version) -> Result<Vec
 
 /// A file that is to be sent.
 struct File {
-    tag: [u8; 32],
+    tag: Tag,
     bytes: u64,
     /// What is there already.
     pieces: VecDeque<Bytes>,
@@ -112,7 +109,7 @@ struct File {
 }
 
 fn whole(bytes: Vec<u8>) -> File {
-    let tag = Sha256::digest(&bytes).into();
+    let tag = Tag::new(Sha256::digest(&bytes).into());
     File { tag, bytes: bytes.len() as u64, pieces: [bytes.into()].into(), anchors: VecDeque::new() }
 }
 
@@ -145,7 +142,7 @@ async fn safetensors_file(app: &AppState, model: &Model, version: &Version, weig
     let layout = version.settings.shape().layout();
     let header = header(&record(model, version, regimes), layout);
     Ok(File {
-        tag: Sha256::digest(&header.bytes).into(),
+        tag: Tag::new(Sha256::digest(&header.bytes).into()),
         bytes: header.file_bytes,
         pieces: [header.bytes.into(), weights_data(layout, weights).into()].into(),
         anchors,
@@ -172,36 +169,11 @@ fn record(model: &Model, version: &Version, regimes: Vec<RememberedRegime>) -> R
     }
 }
 
-fn answer(file: File, name: &str, headers: &HeaderMap, app: Arc<AppState>, slot: OwnedSemaphorePermit) -> Response {
-    let tag = HeaderValue::try_from(format!("\"{}\"", hex::encode(file.tag))).expect("digits");
-    if is_known(headers, &tag) {
-        return (StatusCode::NOT_MODIFIED, [(ETAG, tag)]).into_response();
-    }
-    let disposition = format!("attachment; filename=\"{name}\"");
-    let length = file.bytes;
-    let mut response = HttpResponse::new(body(file, app, slot));
-    let told = response.headers_mut();
-    told.insert(CONTENT_TYPE, HeaderValue::from_static("application/octet-stream"));
-    told.insert(CONTENT_LENGTH, length.into());
-    told.insert(CONTENT_DISPOSITION, HeaderValue::try_from(disposition).expect("names are letters and digits"));
-    told.insert(ETAG, tag);
-    response
-}
-
-/// Whether the client has the file with this tag already.
-fn is_known(headers: &HeaderMap, tag: &HeaderValue) -> bool {
-    let given = headers.get_all(IF_NONE_MATCH).iter().filter_map(|value| value.to_str().ok());
-    given.flat_map(|value| value.split(',')).any(|known| {
-        let known = known.trim();
-        known == "*" || known.trim_start_matches("W/").as_bytes() == tag.as_bytes()
-    })
-}
-
-/// The file in pieces; nobody else gets the slot until it is sent or given up.
-fn body(file: File, app: Arc<AppState>, slot: OwnedSemaphorePermit) -> Body {
-    let unsent = (file, app, slot);
-    Body::from_stream(stream::try_unfold(unsent, |(mut file, app, slot)| async move {
-        Ok::<_, StoreError>(file.next(&app.store).await?.map(|piece| (piece, (file, app, slot))))
+/// The file in pieces; nobody else gets the turn until it is sent or given up.
+fn body(file: File, app: Arc<AppState>, turn: OwnedSemaphorePermit) -> Body {
+    let unsent = (file, app, turn);
+    Body::from_stream(stream::try_unfold(unsent, |(mut file, app, turn)| async move {
+        Ok::<_, StoreError>(file.next(&app.store).await?.map(|piece| (piece, (file, app, turn))))
     }))
 }
 

@@ -14,8 +14,9 @@ use tokio::task::spawn_blocking;
 
 use super::AppState;
 use super::batches;
+use super::download;
 use super::path::{BatchAt, ModelAt, batch_id};
-use super::problem::{Code, Problem};
+use super::problem::Problem;
 use super::query::Query;
 use super::table::{EVENTS, Wanted, file};
 use crate::formats::EventWriter;
@@ -31,13 +32,11 @@ pub(super) async fn download(
     Query(wanted): Query<Wanted>,
 ) -> Result<Response, Problem> {
     let form = wanted.form(&headers, EVENTS)?;
-    let full = "as many files as the server hands out or takes in at once are under way";
-    let slot = Arc::clone(&app.artifact_slots).try_acquire_owned();
-    let slot = slot.map_err(|_| Problem::busy(Code::Busy, full))?;
+    let turn = download::turn(&app)?;
     let batch = batches::find(&app, &model, batch).await?;
     let name = format!("{}-{}", model.name, batch_id(batch.batch_id));
     let writer = Some(EventWriter::new(form.sheet()).map_err(Problem::internal)?);
-    let mut unsent = Unsent { app, contents: Contents::of(batch.batch_id), writer, _slot: slot };
+    let mut unsent = Unsent { app, contents: Contents::of(batch.batch_id), writer, _turn: turn };
     // What cannot be read from the beginning on is a problem, and not a file that breaks off.
     let first = unsent.piece().await.map_err(|error| match error {
         Broken::Store(error) => error.into(),
@@ -60,13 +59,13 @@ enum Broken {
     Written(#[from] io::Error),
 }
 
-/// What is still to be sent; nobody else gets the slot until it is, or is given up.
+/// What is still to be sent; nobody else gets the turn until it is, or is given up.
 struct Unsent {
     app: Arc<AppState>,
     contents: Contents,
     /// None at the end.
     writer: Option<EventWriter>,
-    _slot: OwnedSemaphorePermit,
+    _turn: OwnedSemaphorePermit,
 }
 
 impl Unsent {

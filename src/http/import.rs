@@ -12,6 +12,7 @@ use super::AppState;
 use super::answer::Answer;
 use super::batches::{digest, said_besides};
 use super::body::media_type;
+use super::download;
 use super::events_body::take_body_within;
 use super::idempotency::Repeatable;
 use super::path::ModelAt;
@@ -36,8 +37,7 @@ pub(super) async fn create(
 ) -> Result<Answer, Problem> {
     refuse_other_types(http.headers())?;
     refuse_without_events(model.method)?;
-    let full = "as many versions as the server hands out or takes in at once are under way";
-    let _slot = app.artifact_slots.try_acquire().map_err(|_| Problem::busy(Code::Busy, full))?;
+    let _turn = download::turn(&app)?;
     let said = said_besides(&http);
     let body = take_body_within(&app, http, app.settings.artifact_bytes).await?;
     let request_sha256 = digest(&said, &body.sha256);

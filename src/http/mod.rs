@@ -22,6 +22,8 @@ pub mod connections;
 mod context;
 /// `/openapi.json`, `/openapi.yaml`, `/docs`.
 mod contract;
+/// Files that are handed out.
+mod download;
 /// `ETag` and `If-Match`.
 mod etag;
 /// Versions and reference drivers on events that are not kept.

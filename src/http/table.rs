@@ -2,13 +2,14 @@
 
 use axum::body::Body;
 use axum::http::HeaderMap;
-use axum::http::header::{ACCEPT, CONTENT_DISPOSITION, CONTENT_TYPE, HeaderValue};
+use axum::http::header::ACCEPT;
 use axum::response::Response;
 use serde::Deserialize;
 
 use super::accept::weight;
+use super::download;
 use super::problem::{Code, InputError, Problem};
-use crate::formats::{Sheet, SheetFormat, whole_sheet};
+use crate::formats::{Format, Sheet, SheetFormat, whole_sheet};
 
 /// The query of what can be answered as a table.
 #[derive(Debug, Deserialize)]
@@ -43,10 +44,10 @@ impl Form {
 
     pub(super) fn media_type(self) -> &'static str {
         match self {
-            Self::Json => "application/json",
-            Self::Lines => "application/x-ndjson",
-            Self::Csv => "text/csv",
-            Self::Parquet => "application/vnd.apache.parquet",
+            Self::Json => Format::Json.media_type(),
+            Self::Lines => Format::Ndjson.media_type(),
+            Self::Csv => Format::Csv.media_type(),
+            Self::Parquet => Format::Parquet.media_type(),
         }
     }
 
@@ -92,18 +93,15 @@ pub(super) fn answer(form: Form, format: SheetFormat, name: &str, sheet: &Sheet)
     Ok(file(form, name, Body::from(bytes)))
 }
 
-/// A body as a file of this name.
+/// A body as a file of this name and form.
 pub(super) fn file(form: Form, name: &str, body: Body) -> Response {
-    let disposition = format!("attachment; filename=\"{name}.{}\"", form.name());
-    let mut response = Response::new(body);
-    let told = response.headers_mut();
-    told.insert(CONTENT_TYPE, HeaderValue::from_static(form.media_type()));
-    told.insert(CONTENT_DISPOSITION, HeaderValue::try_from(disposition).expect("names are letters and digits"));
-    response
+    download::file(&format!("{name}.{}", form.name()), form.media_type(), body)
 }
 
 #[cfg(test)]
 mod tests {
+    use axum::http::HeaderValue;
+
     use super::*;
 
     #[test]
