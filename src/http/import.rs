@@ -21,10 +21,10 @@ use super::versions;
 use crate::artifact::{ArtifactError, Brought, read};
 use crate::consolidation::Method;
 use crate::ingest::Spooled;
-use crate::lineage::{Model, Promotion, PromotionDecision};
+use crate::lineage::Model;
 use crate::scheduler::importance_summary;
 use crate::store::import::{Import, Imported, ImportedRegime, import};
-use crate::store::outcome::Outcome;
+use crate::store::new_version::NewVersion;
 use crate::store::{Actor, StoreError, version};
 
 /// `POST /v1/models/{model}/versions`
@@ -137,7 +137,7 @@ fn to_import(model: &Model, brought: Brought) -> Import {
         regimes: regimes
             .map(|one| ImportedRegime { regime: one.regime, stage: one.stage, memory: one.memory })
             .collect(),
-        outcome: Outcome {
+        version: NewVersion {
             method: model.method,
             settings: brought.settings,
             strength: brought.strength,
@@ -149,15 +149,6 @@ fn to_import(model: &Model, brought: Brought) -> Import {
             scaling: serde_json::to_value(brought.scaling).expect("a scaling is plain data"),
             importance,
             weights: brought.weights,
-            memory: None,
-            reservoir: Vec::new(),
-            regimes: Vec::new(),
-            promotion: Promotion {
-                policy: model.settings.promotion,
-                decision: PromotionDecision::Kept,
-                reason: String::new(),
-            },
-            judged_against: None,
         },
     }
 }

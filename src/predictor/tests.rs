@@ -11,6 +11,7 @@ use crate::lineage::{ModelSettings, Preset, Promotion, PromotionDecision, Promot
 use crate::lstm::{INPUTS, Layout};
 use crate::store::fixture::{Fixture, now};
 use crate::store::live::{MoveRequest, promote};
+use crate::store::new_version::NewVersion;
 use crate::store::outcome::{self, Outcome};
 use crate::store::task;
 
@@ -38,20 +39,22 @@ fn outcome(settings: &ModelSettings, weight: f32, judged_against: Option<i64>) -
     let promotion =
         Promotion { policy: PromotionPolicy::Auto, decision: PromotionDecision::Promoted, reason: "a test".to_owned() };
     Outcome {
-        method: Method::Naive,
-        settings: settings.clone(),
-        strength: None,
-        lambda: None,
-        strength_search: None,
-        kernel: "none".to_owned(),
-        train_events: 1,
-        events_sha256: [0; 32],
-        scaling: serde_json::json!({
-            "mean": [10.0, 10.0, 0.0, 20.0], "spread": [5.0, 5.0, 1.0, 10.0],
-            "low": [0.0, 0.0, -5.0, 0.0], "high": [20.0, 20.0, 5.0, 100.0]
-        }),
-        importance: serde_json::Value::Null,
-        weights: vec![weight / 10.0; Layout { hidden: HIDDEN, inputs: INPUTS }.len()],
+        version: NewVersion {
+            method: Method::Naive,
+            settings: settings.clone(),
+            strength: None,
+            lambda: None,
+            strength_search: None,
+            kernel: "none".to_owned(),
+            train_events: 1,
+            events_sha256: [0; 32],
+            scaling: serde_json::json!({
+                "mean": [10.0, 10.0, 0.0, 20.0], "spread": [5.0, 5.0, 1.0, 10.0],
+                "low": [0.0, 0.0, -5.0, 0.0], "high": [20.0, 20.0, 5.0, 100.0]
+            }),
+            importance: serde_json::Value::Null,
+            weights: vec![weight / 10.0; Layout { hidden: HIDDEN, inputs: INPUTS }.len()],
+        },
         memory: None,
         reservoir: Vec::new(),
         regimes: Vec::new(),

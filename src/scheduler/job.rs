@@ -138,7 +138,7 @@ async fn finish(
     search: Option<StrengthSearch>,
 ) -> Result<Finished, JobError> {
     let mut verdict = verdict::measure(scheduler, stage, learned).await?;
-    verdict.outcome.strength_search = search;
+    verdict.outcome.version.strength_search = search;
     loop {
         let live = scheduler.0.store.model_by_id(stage.model.model_id).await?.live;
         verdict.decide(scheduler, stage, live).await?;

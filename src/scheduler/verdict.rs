@@ -13,7 +13,8 @@ use crate::lineage::{
     TestMeasures,
 };
 use crate::store::LineRegime;
-use crate::store::outcome::{Outcome, OutcomeRegime};
+use crate::store::new_version::{NewRegime, NewVersion};
+use crate::store::outcome::Outcome;
 use crate::training::Learned;
 
 /// A version about to be written, and the test events of the regime it learned.
@@ -103,7 +104,7 @@ pub(super) async fn measure(scheduler: &Scheduler, stage: &Stage, learned: Learn
     Ok(Verdict { outcome: outcome(stage, learned, reservoir_ids, regimes), fresh })
 }
 
-fn learned_now(stage: &Stage, measures: Option<TestMeasures>, before: Option<TestMeasures>) -> OutcomeRegime {
+fn learned_now(stage: &Stage, measures: Option<TestMeasures>, before: Option<TestMeasures>) -> NewRegime {
     let evaluation = RegimeEvaluation {
         regime: stage.task.regime.clone(),
         learned_stage: stage.number,
@@ -114,32 +115,34 @@ fn learned_now(stage: &Stage, measures: Option<TestMeasures>, before: Option<Tes
         diagonal_spacing_mse: measures.map(|m| m.spacing_mse),
         best_spacing_mse: None,
     };
-    OutcomeRegime { evaluation, shared: None }
+    NewRegime { evaluation, shared: None }
 }
 
 /// A regime that an earlier stage learned. The best so far is the parent's best, or the parent itself.
-fn still_known(at_parent: &LineRegime, measures: Option<TestMeasures>) -> OutcomeRegime {
+fn still_known(at_parent: &LineRegime, measures: Option<TestMeasures>) -> NewRegime {
     let parent = &at_parent.evaluation;
     let best = parent.best_spacing_mse.into_iter().chain(parent.measures.map(|m| m.spacing_mse)).reduce(f64::min);
-    OutcomeRegime {
+    NewRegime {
         evaluation: RegimeEvaluation { measures, served: None, before: None, best_spacing_mse: best, ..parent.clone() },
         shared: Some((at_parent.anchor_id, at_parent.reservoir_id)),
     }
 }
 
-fn outcome(stage: &Stage, learned: Learned, reservoir: Vec<i64>, regimes: Vec<OutcomeRegime>) -> Outcome {
+fn outcome(stage: &Stage, learned: Learned, reservoir: Vec<i64>, regimes: Vec<NewRegime>) -> Outcome {
     Outcome {
-        method: stage.model.method,
-        settings: stage.settings.clone(),
-        strength: learned.strength,
-        lambda: learned.lambda,
-        strength_search: None,
-        kernel: learned.kernel,
-        train_events: stage.train.len() as u64,
-        events_sha256: stage.events_sha256,
-        scaling: serde_json::to_value(learned.scaling).expect("a scaling is plain data"),
-        importance: importance::summary(stage.settings.shape(), learned.memory.as_ref()),
-        weights: learned.weights,
+        version: NewVersion {
+            method: stage.model.method,
+            settings: stage.settings.clone(),
+            strength: learned.strength,
+            lambda: learned.lambda,
+            strength_search: None,
+            kernel: learned.kernel,
+            train_events: stage.train.len() as u64,
+            events_sha256: stage.events_sha256,
+            scaling: serde_json::to_value(learned.scaling).expect("a scaling is plain data"),
+            importance: importance::summary(stage.settings.shape(), learned.memory.as_ref()),
+            weights: learned.weights,
+        },
         memory: learned.memory,
         reservoir,
         regimes,

@@ -3,12 +3,11 @@
 use jiff::Timestamp;
 use sqlx::query;
 
-use super::history::{self, Action, Change};
-use super::outcome::{self, Outcome, OutcomeRegime, Place};
-use super::pointers::{self, Pointers};
+use super::new_version::{self, NewRegime, NewVersion, Place};
+use super::pointers;
 use super::{Purpose, StoreError, WriteTransaction, seal};
 use crate::consolidation::RegimeMemory;
-use crate::lineage::{Promotion, PromotionDecision, RegimeEvaluation, RegimeName};
+use crate::lineage::{Promotion, RegimeEvaluation, RegimeName};
 
 /// What is written of a version that was not learned here.
 #[derive(Debug, Clone)]
@@ -17,8 +16,8 @@ pub struct Import {
     pub stage: u32,
     /// The regime that its stage learned.
     pub regime: RegimeName,
-    /// As a task's; its memory, reservoir, regimes and promotion are not looked at.
-    pub outcome: Outcome,
+    /// What it is.
+    pub version: NewVersion,
     /// Every regime of its line, in the order first learned.
     pub regimes: Vec<ImportedRegime>,
 }
@@ -67,21 +66,13 @@ pub async fn import(
     }
     let before = pointers::read(transaction, model_id).await?;
     let promotion = decide(before.live);
-    let outcome = Outcome { promotion, ..import.outcome };
     let place =
         Place { model_id, task_id: None, parent: None, stage: import.stage.into(), regime: import.regime.as_str() };
-    let version = outcome::insert_version(transaction, &place, &outcome, now).await?;
+    let version = new_version::insert(transaction, &place, &import.version, &promotion, now).await?;
     insert_line(transaction, model_id, version, &import.regimes).await?;
     seal::seal(transaction).await?;
-    let live = outcome.promotion.decision == PromotionDecision::Promoted;
-    let after = Pointers { live: if live { Some(version) } else { before.live }, head: Some(version), ..before };
-    pointers::write(transaction, model_id, &after).await?;
+    let live = new_version::take_over(transaction, model_id, version, &promotion, &before, now).await?;
     pointers::settle_events(transaction, model_id).await?;
-    if live {
-        let reason = &outcome.promotion.reason;
-        let change = Change { model_id, action: Action::Policy, before: &before, after: &after, reason, report: None };
-        history::write(transaction, &change, now).await?;
-    }
     Ok(Ok(Imported { version, live }))
 }
 
@@ -92,11 +83,11 @@ async fn insert_line(
     version: i64,
     regimes: &[ImportedRegime],
 ) -> Result<(), StoreError> {
-    let no_events = outcome::insert_reservoir(transaction, model_id, &[]).await?;
+    let no_events = new_version::insert_reservoir(transaction, model_id, &[]).await?;
     let mut rows = Vec::with_capacity(regimes.len());
     for ImportedRegime { regime, stage, memory } in regimes {
         let anchor = match memory {
-            Some(memory) => Some(outcome::insert_anchor(transaction, model_id, memory).await?),
+            Some(memory) => Some(new_version::insert_anchor(transaction, model_id, memory).await?),
             None => None,
         };
         let evaluation = RegimeEvaluation {
@@ -109,7 +100,7 @@ async fn insert_line(
             diagonal_spacing_mse: None,
             best_spacing_mse: None,
         };
-        rows.push(OutcomeRegime { evaluation, shared: Some((anchor, no_events)) });
+        rows.push(NewRegime { evaluation, shared: Some((anchor, no_events)) });
     }
-    outcome::insert_evaluations(transaction, model_id, version, &rows, (None, no_events)).await
+    new_version::insert_regimes(transaction, model_id, version, &rows, (None, no_events)).await
 }

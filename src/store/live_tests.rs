@@ -4,7 +4,8 @@ use super::*;
 use crate::consolidation::Method;
 use crate::lineage::{ModelSettings, Promotion, PromotionDecision, PromotionPolicy, RegimeEvaluation};
 use crate::store::fixture::{Fixture, now, regime};
-use crate::store::outcome::{Finished, Outcome, OutcomeRegime, Overtaken};
+use crate::store::new_version::{NewRegime, NewVersion};
+use crate::store::outcome::{Finished, Outcome, Overtaken};
 use crate::store::task::{self, Start};
 
 fn outcome(judged_against: Option<i64>, decision: PromotionDecision) -> Outcome {
@@ -19,20 +20,22 @@ fn outcome(judged_against: Option<i64>, decision: PromotionDecision) -> Outcome 
         best_spacing_mse: None,
     };
     Outcome {
-        method: Method::Naive,
-        settings: ModelSettings::default(),
-        strength: None,
-        lambda: None,
-        strength_search: None,
-        kernel: "none".to_owned(),
-        train_events: 1,
-        events_sha256: [0; 32],
-        scaling: serde_json::json!({}),
-        importance: serde_json::Value::Null,
-        weights: vec![1.0, 2.0],
+        version: NewVersion {
+            method: Method::Naive,
+            settings: ModelSettings::default(),
+            strength: None,
+            lambda: None,
+            strength_search: None,
+            kernel: "none".to_owned(),
+            train_events: 1,
+            events_sha256: [0; 32],
+            scaling: serde_json::json!({}),
+            importance: serde_json::Value::Null,
+            weights: vec![1.0, 2.0],
+        },
         memory: None,
         reservoir: Vec::new(),
-        regimes: vec![OutcomeRegime { evaluation, shared: None }],
+        regimes: vec![NewRegime { evaluation, shared: None }],
         promotion: Promotion { policy: PromotionPolicy::Auto, decision, reason: "a test".to_owned() },
         judged_against,
     }

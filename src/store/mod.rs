@@ -47,6 +47,8 @@ mod log;
 mod migrate;
 /// Models: creating, reading, pausing.
 pub mod model;
+/// The rows of a version that is written.
+pub mod new_version;
 /// How a task ends.
 pub mod outcome;
 mod pointers;

@@ -19,8 +19,7 @@ pub(super) fn run(data: &[u8]) {
             assert_eq!(body(call, value.to_string().as_bytes(), &defaults), Ok(said));
         }
         Err(code) => {
-            let known =
-                matches!(code, Code::MalformedJson | Code::InvalidBody | Code::InvalidSettings);
+            let known = matches!(code, Code::MalformedJson | Code::InvalidBody | Code::InvalidSettings);
             assert!(known, "{code:?}");
             if serde_json::from_slice::<Value>(text).is_ok() {
                 assert_ne!(code, Code::MalformedJson);

@@ -55,10 +55,7 @@ fn head(lines: &[u8]) {
         Err(code) => {
             let known = matches!(
                 code,
-                Code::NotAcceptable
-                    | Code::MalformedHeader
-                    | Code::UnsupportedMediaType
-                    | Code::BodyTooLarge
+                Code::NotAcceptable | Code::MalformedHeader | Code::UnsupportedMediaType | Code::BodyTooLarge
             );
             assert!(known, "{code:?}");
         }
