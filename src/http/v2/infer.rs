@@ -84,18 +84,16 @@ async fn windows(
     }
     let loaded = load(app, model, version).await?;
     let version = loaded.version();
-    if horizon != loaded.horizon() {
-        let detail = format!("{horizon} steps; exactly the last {} are needed, oldest first", loaded.horizon());
-        return Ok((version, Err(wrong("window", "window_length", detail))));
-    }
-    let slot = match slot_for(app, count) {
-        Ok(slot) => slot,
-        Err(busy) => return Ok((version, Err(busy))),
+    let predicted = async {
+        if horizon != loaded.horizon() {
+            let detail = format!("{horizon} steps; exactly the last {} are needed, oldest first", loaded.horizon());
+            return Err(wrong("window", "window_length", detail));
+        }
+        let _slot = slot_for(app, count)?;
+        let windows = elements.chunks_exact(horizon * COLUMNS).map(window).collect();
+        compute(app, model, loaded, windows).await
     };
-    let windows = elements.chunks_exact(horizon * COLUMNS).map(window).collect();
-    let answered = compute(app, model, loaded, windows).await;
-    drop(slot);
-    Ok((version, answered))
+    Ok((version, predicted.await))
 }
 
 /// A window out of its rows.
@@ -126,18 +124,16 @@ async fn step(
             Err(error) => (pinned, Err(error)),
         }
     };
-    let prediction = match answered {
-        Ok(prediction) => prediction,
-        Err(error) => return Ok((version, Err(told(model, error)))),
-    };
-    if sequence.ends {
-        app.sequences.end(model.model_id, id.clone());
-    }
-    let flags = std::iter::once(prediction.flags.as_slice());
-    app.metrics.predicted(&model.name, version, PredictionKind::Step, began.elapsed(), flags);
-    let predictions = vec![prediction];
-    let checked = check_finite(version, &predictions);
-    Ok((version, checked.map(|()| predictions)))
+    let counted = answered.map_err(|e| told(model, e)).and_then(|prediction| {
+        if sequence.ends {
+            app.sequences.end(model.model_id, id.clone());
+        }
+        let flags = std::iter::once(prediction.flags.as_slice());
+        app.metrics.predicted(&model.name, version, PredictionKind::Step, began.elapsed(), flags);
+        let predictions = vec![prediction];
+        check_finite(version, &predictions).map(|()| predictions)
+    });
+    Ok((version, counted))
 }
 
 fn other_version(named: i64, pinned: i64) -> Problem {
