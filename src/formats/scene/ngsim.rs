@@ -161,33 +161,33 @@ impl Ngsim {
 }
 
 impl Table for Ngsim {
-    fn row(&mut self, number_: u64, cells: &[Cell<'_>], _: &mut Output<'_, '_>) -> Result<(), FormatError> {
+    fn row(&mut self, at: u64, cells: &[Cell<'_>], _: &mut Output<'_, '_>) -> Result<(), FormatError> {
         self.room.take(1)?;
         let Columns { vehicle, frame, clock, length, speed, leader, headway } = self.columns;
-        let frame = whole(cells[frame], Role::Frame, number_)?;
+        let frame = whole(cells[frame], Role::Frame, at)?;
         let time_ms = match clock {
             None => i64::from(frame) * FRAME_MS,
-            Some(clock) => match needed(cells[clock], Role::Clock, number_)? {
+            Some(clock) => match needed(cells[clock], Role::Clock, at)? {
                 time if time.fract() == 0.0 && time.abs() < MAX_MS => time as i64,
-                time => return Err(flaw(number_, "wrong_type", format!("Global_Time in row {number_} is {time}"))),
+                time => return Err(flaw(at, "wrong_type", format!("Global_Time in row {at} is {time}"))),
             },
         };
-        let label = self.labels.of(cells, number_, self.max_text_bytes, &mut self.room)?;
+        let label = self.labels.of(cells, at, self.max_text_bytes, &mut self.room)?;
         let leader = match cells[leader] {
             Cell::Missing => 0,
-            cell => whole(cell, Role::Leader, number_)?,
+            cell => whole(cell, Role::Leader, at)?,
         };
         self.rows.push(Row {
             time_ms,
-            speed_mps: needed(cells[speed], Role::Speed, number_)? * FOOT_M,
-            length_m: needed(cells[length], Role::Length, number_)? * FOOT_M,
-            headway_m: number(cells[headway], Role::Headway, number_)?.map_or(f64::NAN, |feet| feet * FOOT_M),
+            speed_mps: needed(cells[speed], Role::Speed, at)? * FOOT_M,
+            length_m: needed(cells[length], Role::Length, at)? * FOOT_M,
+            headway_m: number(cells[headway], Role::Headway, at)?.map_or(f64::NAN, |feet| feet * FOOT_M),
             road: self.labels.road(label),
-            vehicle: whole(cells[vehicle], Role::Vehicle, number_)?,
+            vehicle: whole(cells[vehicle], Role::Vehicle, at)?,
             leader,
             frame,
             label,
-            number: u32::try_from(number_).expect("rows are counted in 32 bits"),
+            number: u32::try_from(at).expect("rows are counted in 32 bits"),
         });
         Ok(())
     }
