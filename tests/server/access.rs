@@ -73,18 +73,6 @@ const OPEN: [&str; 11] = [
     "/v2/health/ready",
 ];
 
-fn filled(template: &str) -> String {
-    template
-        .replace("{model}", "default")
-        .replace("{batch_id}", "b1")
-        .replace("{task_id}", "t1")
-        .replace("{version}", "1")
-        .replace("{source}", "site")
-        .replace("{key_id}", "0123456789abcdef")
-        .replace("{file}", "start.js")
-        .replace("{code}", "busy")
-}
-
 async fn ask(server: &Server, method: &str, path: &str, authorization: &[String]) -> Answer {
     let mut headers = HeaderMap::new();
     for value in authorization {
@@ -120,7 +108,7 @@ async fn no_route_of_the_contract_lets_anybody_in_who_may_not() {
     }
     let (mut refused, mut let_in) = (0, 0);
     for (template, method, operation) in contract::operations() {
-        let path = filled(template);
+        let path = contract::filled(template, "default");
         let Some(scope) = needed(operation) else {
             assert!(OPEN.contains(&template), "{template} needs no key");
             assert_eq!(ask(&server, &method, &path, &[]).await.status, 200, "{template}");

@@ -33,15 +33,7 @@ fn the_router_and_the_contract_need_the_same_scopes() {
 async fn every_method_of_the_contract_is_routed_and_no_other() {
     let server = Server::start().await;
     for (template, item) in contract::document()["paths"].as_object().unwrap() {
-        let path = template
-            .replace("{model}", "absent")
-            .replace("{batch_id}", "b1")
-            .replace("{task_id}", "t1")
-            .replace("{source}", "site")
-            .replace("{version}", "1")
-            .replace("{key_id}", "0123456789abcdef")
-            .replace("{file}", "start.js")
-            .replace("{code}", "busy");
+        let path = contract::filled(template, "absent");
         for method in ["GET", "POST", "PUT", "PATCH", "DELETE"] {
             let request = server.request(method.parse().unwrap(), &path).header("accept", "*/*");
             let answer = server.send(request).await;

@@ -29,6 +29,19 @@ pub(crate) fn operations() -> Vec<(&'static str, String, &'static Value)> {
         .collect()
 }
 
+/// A path that fits the template: of this model, and otherwise of what there may be.
+pub(crate) fn filled(template: &str, model: &str) -> String {
+    template
+        .replace("{model}", model)
+        .replace("{batch_id}", "b1")
+        .replace("{task_id}", "t1")
+        .replace("{version}", "1")
+        .replace("{source}", "site")
+        .replace("{key_id}", "0123456789abcdef")
+        .replace("{file}", "start.js")
+        .replace("{code}", "busy")
+}
+
 /// Panics unless the contract has this path, method, status and content type, and the body fits the schema.
 pub(crate) fn check(method: &str, path: &str, status: u16, content_type: &str, body: &str) {
     let told = || format!("{method} {path} answered {status} {content_type}: {body}");
