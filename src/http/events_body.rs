@@ -10,7 +10,7 @@ use super::AppState;
 use super::body::{Pace, refuse_declared_excess, timed, too_large};
 use super::problem::{Code, InputError, Problem};
 use crate::formats::{Encoding, Format, FormatError};
-use crate::ingest::{IngestError, IngestSettings, Interrupted, OptionError, SpoolError, Spooled, spool};
+use crate::ingest::{IngestError, Interrupted, OptionError, SpoolError, Spooled, spool};
 
 /// What the headers say the body is.
 ///
@@ -41,8 +41,8 @@ pub(super) async fn take_body(app: &AppState, http: Request<Body>) -> Result<Spo
 /// When it is too large, stalls or breaks off.
 pub(super) async fn take_body_within(app: &AppState, http: Request<Body>, limit: u64) -> Result<Spooled, Problem> {
     refuse_declared_excess(http.headers(), limit)?;
-    let settings = IngestSettings { max_body_bytes: limit, ..app.ingest.clone() };
-    spool(timed(http.into_body(), Pace::of(&app.settings)), &settings).await.map_err(|interrupted| match interrupted {
+    let body = timed(http.into_body(), Pace::of(&app.settings));
+    spool(body, &app.ingest, limit).await.map_err(|interrupted| match interrupted {
         Interrupted::Body(problem) => problem,
         Interrupted::Spool(SpoolError::TooLarge { max_bytes }) => too_large(max_bytes),
         Interrupted::Spool(SpoolError::Io(error)) if is_full(&error) => Problem::full(error),

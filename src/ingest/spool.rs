@@ -56,17 +56,17 @@ pub struct Spooled {
 }
 
 impl Spool {
-    /// An empty body.
+    /// An empty body of at most `max_bytes`.
     ///
     /// # Errors
     /// When the folder cannot be written.
-    pub fn create(settings: &IngestSettings) -> Result<Self, SpoolError> {
+    pub fn create(settings: &IngestSettings, max_bytes: u64) -> Result<Self, SpoolError> {
         let file = if settings.spool_folder.as_os_str().is_empty() {
             tempfile::tempfile()?
         } else {
             tempfile::tempfile_in(&settings.spool_folder)?
         };
-        Ok(Self { file, hasher: Sha256::new(), bytes: 0, max_bytes: settings.max_body_bytes })
+        Ok(Self { file, hasher: Sha256::new(), bytes: 0, max_bytes })
     }
 
     /// Takes what came next. Blocks while it is written.
@@ -91,16 +91,16 @@ impl Spool {
     }
 }
 
-/// Spools a stream. Nothing blocks the runtime, and a stream that stalls occupies no thread.
+/// Spools a stream of at most `max_bytes`. Nothing blocks the runtime, and a stream that stalls occupies no thread.
 ///
 /// # Errors
 /// When the stream fails, the body is too large or the file cannot be written.
-pub async fn spool<S, E>(chunks: S, settings: &IngestSettings) -> Result<Spooled, Interrupted<E>>
+pub async fn spool<S, E>(chunks: S, settings: &IngestSettings, max_bytes: u64) -> Result<Spooled, Interrupted<E>>
 where
     S: Stream<Item = Result<Bytes, E>>,
 {
     let mut chunks = std::pin::pin!(chunks);
-    let mut spool = Spool::create(settings).map_err(Interrupted::Spool)?;
+    let mut spool = Spool::create(settings, max_bytes).map_err(Interrupted::Spool)?;
     let mut gathered = Vec::new();
     while let Some(chunk) = chunks.next().await {
         gathered.extend_from_slice(&chunk.map_err(Interrupted::Body)?);
@@ -129,7 +129,7 @@ mod tests {
         let chunks = vec![Bytes::from_static(b"ab"), Bytes::from(vec![7; WRITE_BYTES]), Bytes::from_static(b"c")];
         let whole: Vec<u8> = chunks.iter().flatten().copied().collect();
         let stream = stream::iter(chunks.into_iter().map(Ok::<_, ()>));
-        let mut spooled = spool(stream, &IngestSettings::default()).await.unwrap();
+        let mut spooled = spool(stream, &IngestSettings::default(), u64::MAX).await.unwrap();
         let mut back = Vec::new();
         spooled.file.rewind().unwrap();
         spooled.file.read_to_end(&mut back).unwrap();
@@ -139,11 +139,11 @@ mod tests {
 
     #[tokio::test]
     async fn a_broken_or_oversized_stream_is_refused() {
-        let settings = IngestSettings { max_body_bytes: 3, ..IngestSettings::default() };
+        let settings = IngestSettings::default();
         let long = stream::iter([Ok::<_, ()>(Bytes::from_static(b"abcd"))]);
-        let interrupted = spool(long, &settings).await.unwrap_err();
+        let interrupted = spool(long, &settings, 3).await.unwrap_err();
         assert!(matches!(interrupted, Interrupted::Spool(SpoolError::TooLarge { max_bytes: 3 })));
         let broken = stream::iter([Ok(Bytes::from_static(b"ab")), Err("gone")]);
-        assert!(matches!(spool(broken, &settings).await, Err(Interrupted::Body("gone"))));
+        assert!(matches!(spool(broken, &settings, 3).await, Err(Interrupted::Body("gone"))));
     }
 }

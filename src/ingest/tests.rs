@@ -39,7 +39,7 @@ async fn receive_with(
     body: String,
     settings: &IngestSettings,
 ) -> Result<Received, IngestError> {
-    let body = spool(stream::iter([Ok::<_, ()>(Bytes::from(body))]), settings).await.unwrap();
+    let body = spool(stream::iter([Ok::<_, ()>(Bytes::from(body))]), settings, u64::MAX).await.unwrap();
     let upload = Upload {
         model_id,
         model: ModelSettings::default(),
@@ -128,7 +128,8 @@ async fn of_copies_the_first_is_stored_and_the_others_are_counted() {
 
 /// An upload of `body`, which says no step of its own where it is FollowNet's array.
 async fn of_format(model_id: i64, format: Format, body: Vec<u8>) -> Upload {
-    let body = spool(stream::iter([Ok::<_, ()>(Bytes::from(body))]), &IngestSettings::default()).await.unwrap();
+    let body =
+        spool(stream::iter([Ok::<_, ()>(Bytes::from(body))]), &IngestSettings::default(), u64::MAX).await.unwrap();
     let (model, options) = (ModelSettings::default(), UploadOptions::default());
     Upload { model_id, model, format, encoding: Encoding::Identity, options, body, received_at: now() }
 }
@@ -221,7 +222,7 @@ async fn what_an_upload_says_counts_where_an_event_says_nothing() {
         format: Format::Csv,
         encoding: Encoding::Identity,
         options: UploadOptions { preset: Preset::Follownet, dt_s: Some(0.1), ..UploadOptions::default() },
-        body: spool(stream::iter([Ok::<_, ()>(Bytes::from(body))]), &settings).await.unwrap(),
+        body: spool(stream::iter([Ok::<_, ()>(Bytes::from(body))]), &settings, u64::MAX).await.unwrap(),
         received_at: now(),
     };
     let summary = receive(&fixture.store, &Actor::local(), upload, &settings).await.unwrap().receipt.summary;

@@ -61,7 +61,7 @@ impl Database {
 
     /// The file's bytes, kept as they are now.
     fn spooled(&self, upload: &super::Upload<'_>, bar: &Bar) -> Result<Spooled, SpoolError> {
-        let mut spool = Spool::create(&self.ingest)?;
+        let mut spool = Spool::create(&self.ingest, self.ingest.max_body_bytes)?;
         let (mut chunk, mut file, mut read) = (vec![0; CHUNK_BYTES], &upload.file, 0);
         let name = upload.path.display().to_string();
         loop {
