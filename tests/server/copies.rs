@@ -63,26 +63,28 @@ async fn told(server: &Server, model: &str, version: i64) -> Value {
     told
 }
 
-/// Both go on alike, whatever is asked of them: the next batch, what they learned before once more, a retraction, a rollback.
+/// What a model tells of itself while everything is asked of it: the next batch, what it learned before once more, a
+/// retraction, a rollback.
+pub(crate) async fn went_on(server: &Server, model: &str) -> Vec<Value> {
+    let mut steps = vec![told(server, model, 1).await, told(server, model, 2).await];
+    server.learn(model, "slow", &batch("slow", 6.0)).await;
+    steps.push(told(server, model, 3).await);
+    let again = server.upload(model, "?regime=fast", &batch("fast", 16.0)).await.expect(201);
+    assert_eq!((&again["accepted"], &again["duplicates"]), (&json!(0), &json!(16)));
+    let replayed = retract(server, model, 1).await;
+    assert_eq!(replayed, 4);
+    steps.push(told(server, model, 4).await);
+    assert_eq!(server.get(&format!("/v1/models/{model}/versions/3")).await["tainted"], true);
+    let back = json!({"version": 1, "reason": "tried"});
+    server.post(&format!("/v1/models/{model}/rollback"), &back).await.expect(200);
+    server.learn(model, "slower", &batch("slower", 4.0)).await;
+    steps.push(told(server, model, 5).await);
+    steps
+}
+
+/// Both go on alike, whatever is asked of them.
 pub(crate) async fn go_on_alike(one: (&Server, &str), other: (&Server, &str)) {
-    let mut came = Vec::new();
-    for (server, model) in [one, other] {
-        let mut steps = vec![told(server, model, 1).await, told(server, model, 2).await];
-        server.learn(model, "slow", &batch("slow", 6.0)).await;
-        steps.push(told(server, model, 3).await);
-        let again = server.upload(model, "?regime=fast", &batch("fast", 16.0)).await.expect(201);
-        assert_eq!((&again["accepted"], &again["duplicates"]), (&json!(0), &json!(16)));
-        let replayed = retract(server, model, 1).await;
-        assert_eq!(replayed, 4);
-        steps.push(told(server, model, 4).await);
-        assert_eq!(server.get(&format!("/v1/models/{model}/versions/3")).await["tainted"], true);
-        let back = json!({"version": 1, "reason": "tried"});
-        server.post(&format!("/v1/models/{model}/rollback"), &back).await.expect(200);
-        server.learn(model, "slower", &batch("slower", 4.0)).await;
-        steps.push(told(server, model, 5).await);
-        came.push(steps);
-    }
-    assert_eq!(came[0], came[1], "{}", one.1);
+    assert_eq!(went_on(one.0, one.1).await, went_on(other.0, other.1).await, "{}", one.1);
 }
 
 fn database(server: &Server) -> PathBuf {

@@ -9,8 +9,9 @@ use reqwest::header::{CONTENT_TYPE, IF_NONE_MATCH};
 use serde_json::{Value, json};
 
 use crate::artifact::download;
-use crate::copies::{batch, begin, fork, go_on_alike, lines, sound};
+use crate::copies::{batch, begin, fork, go_on_alike, lines, sound, went_on};
 use crate::lived::execute;
+use crate::migrations::{as_of, schemas};
 use crate::support::events::events;
 use crate::support::server::{Answer, Server};
 
@@ -39,6 +40,25 @@ async fn a_model_that_moved_goes_on_as_it_would_have_whatever_the_method() {
         let made = take_in(&other, &moved, file).await.expect(201);
         assert_eq!((&made["live"], &made["head"], &made["method"]), (&json!(2), &json!(2), &json!(method)));
         go_on_alike((&server, &name), (&other, &moved)).await;
+    }
+    for server in [server, other] {
+        sound(server).await;
+    }
+}
+
+#[tokio::test]
+async fn an_archive_of_every_earlier_schema_goes_on_as_one_of_this_release_does() {
+    let (server, other) = (Server::start().await, Server::start().await);
+    begin(&server, "a", "ewc", &json!({})).await;
+    let directory = tempfile::tempdir().unwrap();
+    let newest = directory.path().join("newest.headway");
+    std::fs::write(&newest, archive(&server, "a").await).unwrap();
+    let expected = went_on(&server, "a").await;
+    for schema in schemas() {
+        let (old, _) = as_of(schema, &newest).await;
+        let moved = format!("schema-{schema}");
+        take_in(&other, &moved, std::fs::read(old.path().join("headway.db")).unwrap()).await.expect(201);
+        assert_eq!(went_on(&other, &moved).await, expected, "schema {schema}");
     }
     for server in [server, other] {
         sound(server).await;
