@@ -2,6 +2,8 @@
 
 /// The key that a server begins with.
 mod first_key;
+/// Without a listener.
+mod inside;
 
 use std::future::Future;
 use std::net::SocketAddr;
@@ -16,8 +18,12 @@ use tokio::sync::{Semaphore, watch};
 use tokio::task::JoinHandle;
 use tokio::time::{Instant, timeout_at};
 
+pub use inside::Inside;
+
 use crate::config::Config;
-use crate::http::{AppState, Evaluator, InFlight, Interface, Refusals, RequestIds, Tls, Unloaded, connections, tally};
+use crate::http::{
+    AppState, Evaluator, Gate, InFlight, Interface, Refusals, RequestIds, Tls, Unloaded, connections, tally,
+};
 use crate::predictor::{Predictor, Sequences, TrialSettings};
 use crate::scheduler::{Scheduler, Training, step_back};
 use crate::store::Store;
@@ -42,7 +48,9 @@ pub async fn serve(
     let upkeep = config.upkeep.clone();
     let address = listener.local_addr().context("the listener has no address")?;
     let tls = Tls::load(&config.server.tls)?;
-    let state = assemble(config, address, stopping.clone()).await?;
+    let store = Store::open(&config.database).await?;
+    let gate = first_key::gate(&store, &config, address).await?;
+    let state = assemble(config, store, gate, stopping.clone()).await?;
     let upkeep = Upkeep::new(Arc::clone(&state.store), state.scheduler.clone(), Arc::clone(&state.predictor), upkeep);
     let scheduler = state.scheduler.clone();
     let store = Arc::clone(&state.store);
@@ -72,14 +80,14 @@ pub async fn serve(
     Ok(())
 }
 
-/// Opens the database, refuses to answer strangers, and loads what serves.
+/// Loads what serves, and takes over what an earlier process left.
 async fn assemble(
     config: Config,
-    address: SocketAddr,
+    store: Store,
+    gate: Gate,
     stopping: watch::Receiver<bool>,
 ) -> anyhow::Result<Arc<AppState>> {
-    let store = Arc::new(Store::open(&config.database).await?);
-    let gate = first_key::gate(&store, &config, address).await?;
+    let store = Arc::new(store);
     store.ensure_default_model(&config.model).await?;
     let sequences = Arc::new(Sequences::new(&config.predict));
     let predictor = Arc::new(Predictor::new(Arc::clone(&store), config.predict));
@@ -129,6 +137,7 @@ fn evaluator(settings: TrialSettings, niceness: u8) -> anyhow::Result<Arc<Evalua
 
 /// A runtime apart from the one that answers: whatever a task does, from loading its events to writing its version, happens
 /// here, so that no request waits behind it.
+#[derive(Debug)]
 struct Background(Option<Runtime>);
 
 impl Background {
@@ -231,8 +240,10 @@ mod tests {
         ];
         // Nobody looks at it here.
         let (_, stopping) = watch::channel(false);
-        let address = "127.0.0.1:0".parse().unwrap();
-        let state = assemble(Config::resolve(layers).unwrap(), address, stopping).await.unwrap();
+        let config = Config::resolve(layers).unwrap();
+        let store = Store::open(&config.database).await.unwrap();
+        let gate = Gate::new(config.access.clone(), Vec::new());
+        let state = assemble(config, store, gate, stopping).await.unwrap();
         let interface = Interface::new(Arc::clone(&state));
         let event = |speed: f64| {
             let same = |value| vec![value; 30];

@@ -12,7 +12,7 @@ use serde_json::{Value, json};
 use tokio::io::AsyncReadExt;
 
 use super::looking::Bar;
-use super::remote::{FileBody, Remote, ServerArguments};
+use super::service::{FileBody, ServerArguments, Service};
 use super::settings;
 use crate::lineage::ModelName;
 use crate::store::copy::{self, Archive};
@@ -67,7 +67,7 @@ pub(super) fn run(arguments: &ArchiveArguments) -> anyhow::Result<()> {
 
 async fn moved(arguments: &ArchiveArguments, bar: &Bar) -> anyhow::Result<Value> {
     let name = &arguments.model;
-    match (arguments.server.remote()?, &arguments.database, &arguments.to, &arguments.from) {
+    match (arguments.server.service()?, &arguments.database, &arguments.to, &arguments.from) {
         (Some(server), _, Some(to), _) => download(&server, name, to, arguments.force).await,
         (Some(server), _, _, Some(from)) => upload(&server, name, from).await,
         (None, Some(database), Some(to), _) => {
@@ -82,7 +82,7 @@ async fn moved(arguments: &ArchiveArguments, bar: &Bar) -> anyhow::Result<Value>
     }
 }
 
-async fn download(server: &Remote, name: &ModelName, to: &Path, force: bool) -> anyhow::Result<Value> {
+async fn download(server: &Service, name: &ModelName, to: &Path, force: bool) -> anyhow::Result<Value> {
     let draft = backup::draft(to)?;
     let mut file = File::create(&draft)?;
     server.download(&format!("/v1/models/{name}/archive"), &mut file).await?;
@@ -90,7 +90,7 @@ async fn download(server: &Remote, name: &ModelName, to: &Path, force: bool) -> 
     Ok(json!({"name": to, "bytes": file.metadata()?.len()}))
 }
 
-async fn upload(server: &Remote, name: &ModelName, from: &Path) -> anyhow::Result<Value> {
+async fn upload(server: &Service, name: &ModelName, from: &Path) -> anyhow::Result<Value> {
     let file = tokio::fs::File::open(from).await.with_context(|| format!("cannot read {}", from.display()))?;
     let chunks = stream::try_unfold(file, |mut file| async move {
         let mut piece = Vec::with_capacity(PIECE_BYTES);

@@ -8,7 +8,7 @@ use hyper::Method;
 use serde_json::json;
 
 use super::looking::Bar;
-use super::remote::ServerArguments;
+use super::service::ServerArguments;
 use crate::store::backup;
 
 /// What `headway backup` can be told.
@@ -34,7 +34,7 @@ pub(super) struct BackupArguments {
 #[expect(clippy::print_stdout, reason = "the result")]
 pub(super) fn run(arguments: &BackupArguments) -> anyhow::Result<()> {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
-    let taken = match (arguments.server.remote()?, &arguments.database, &arguments.to) {
+    let taken = match (arguments.server.service()?, &arguments.database, &arguments.to) {
         (Some(server), ..) => runtime.block_on(server.send(Method::POST, "/v1/backup", None))?,
         (None, Some(database), Some(to)) => {
             let bar = Bar::new();

@@ -1,7 +1,11 @@
 //! The command line. One module per subcommand; without one, `headway` serves.
 
+/// How far a task is, on stderr.
+mod advance;
 /// A model as a file.
 mod archive;
+/// What most commands are told.
+mod asked;
 /// A copy of a database.
 mod backup;
 /// How fast it is.
@@ -10,6 +14,10 @@ mod bench;
 mod compact;
 /// The whole main job, shown.
 mod demo;
+/// Drivers on events that are not kept.
+mod evaluate;
+/// Event files as bodies.
+mod event_file;
 /// Files out of a model.
 mod export;
 /// Whether a server can serve.
@@ -20,26 +28,42 @@ mod import;
 mod keys;
 /// How far a look at a database is, on stderr.
 mod looking;
+/// What shells and `man` know.
+mod manual;
+/// How drivers do, as a table.
+mod measures;
 /// Members of answers in tables.
 mod member;
+/// Models.
+mod models;
+/// Which version serves.
+mod moving;
 /// Event files.
 mod recordings;
 /// Where the work is.
 mod place;
-/// A running server.
-mod remote;
+/// What a version would do.
+mod predict;
 /// The paper's experiment, from event files to its tables and figures.
 mod reproduce;
 /// A copy in the place of a database.
 mod restore;
 /// The server.
 mod serve;
+/// What answers.
+mod service;
 /// What a server would find.
 mod settings;
+/// Tables for people.
+mod table;
+/// Learning.
+mod train;
 /// Whether a database is what was written.
 mod verify;
+/// What was learned.
+mod versions;
 
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory, Parser, Subcommand};
 
 /// Continual learning of car-following models as a service.
 #[derive(Debug, Parser)]
@@ -61,6 +85,22 @@ enum Command {
     Reproduce(reproduce::ReproduceArguments),
     /// Take events from files into a model, as an upload does.
     Import(import::ImportArguments),
+    /// Learn what is pending, and tell what came of it.
+    Train(train::TrainArguments),
+    /// List versions, or tell how one drives.
+    Versions(versions::VersionsArguments),
+    /// Let a version serve.
+    Promote(moving::PromoteArguments),
+    /// Go back to an earlier version, serving and learning.
+    Rollback(moving::RollbackArguments),
+    /// Predict the next accelerations of windows.
+    Predict(predict::PredictArguments),
+    /// Drive a follower behind a leader.
+    Simulate(predict::SimulateArguments),
+    /// Compare versions and drivers out of the literature on events that are not kept.
+    Evaluate(evaluate::EvaluateArguments),
+    /// List models, or make one.
+    Models(models::ModelsArguments),
     /// Write events, evaluations and versions into files.
     Export(export::ExportArguments),
     /// Rewrite the database without what it does not use; the server must not run.
@@ -79,6 +119,10 @@ enum Command {
     Healthy(healthy::HealthyArguments),
     /// Measure how fast this machine learns and answers.
     Bench(bench::BenchArguments),
+    /// Print a script that completes this command line in a shell.
+    Completions(manual::CompletionsArguments),
+    /// Write pages for `man`.
+    Manual(manual::ManualArguments),
 }
 
 /// Reads the command line and does what it says.
@@ -93,6 +137,14 @@ pub fn run() -> anyhow::Result<()> {
         Command::Demo(arguments) => demo::run(&arguments),
         Command::Reproduce(arguments) => reproduce::run(&arguments),
         Command::Import(arguments) => import::run(&arguments),
+        Command::Train(arguments) => train::run(&arguments),
+        Command::Versions(arguments) => versions::run(&arguments),
+        Command::Promote(arguments) => moving::promote(&arguments),
+        Command::Rollback(arguments) => moving::rollback(&arguments),
+        Command::Predict(arguments) => predict::predict(&arguments),
+        Command::Simulate(arguments) => predict::simulate(&arguments),
+        Command::Evaluate(arguments) => evaluate::run(&arguments),
+        Command::Models(arguments) => models::run(&arguments),
         Command::Export(arguments) => export::run(&arguments),
         Command::Compact(arguments) => compact::run(&arguments),
         Command::Keys(arguments) => keys::run(arguments),
@@ -102,5 +154,7 @@ pub fn run() -> anyhow::Result<()> {
         Command::Restore(arguments) => restore::run(&arguments),
         Command::Healthy(arguments) => healthy::run(&arguments),
         Command::Bench(arguments) => bench::run(&arguments),
+        Command::Completions(arguments) => manual::complete(&arguments, Arguments::command()),
+        Command::Manual(arguments) => manual::write(&arguments, Arguments::command()),
     }
 }

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 
-use super::remote::{Remote, ServerArguments};
+use super::service::{Opened, ServerArguments, Service};
 
 /// A database file or a server.
 #[derive(Debug, Args)]
@@ -17,9 +17,17 @@ pub(super) struct Place {
 }
 
 impl Place {
+    /// What answers there; a database is opened as said.
+    pub(super) async fn service(&self, opened: Opened) -> anyhow::Result<Service> {
+        match self.server()? {
+            Some(server) => Ok(server),
+            None => Service::inside(self.database(), opened).await,
+        }
+    }
+
     /// The server, where one is named.
-    pub(super) fn server(&self) -> anyhow::Result<Option<Remote>> {
-        self.server.remote()
+    pub(super) fn server(&self) -> anyhow::Result<Option<Service>> {
+        self.server.service()
     }
 
     /// The file, where one is named.

@@ -123,7 +123,7 @@ pub(super) fn digest(said: &str, body_sha256: &[u8; 32]) -> [u8; 32] {
 /// # Panics
 /// Never: a receipt is an object.
 #[must_use]
-pub fn receipt_body(receipt: &Receipt, tasks: &[i64]) -> Map<String, Value> {
+pub(super) fn receipt_body(receipt: &Receipt, tasks: &[i64]) -> Map<String, Value> {
     let mut members: Map<String, Value> = match serde_json::to_value(receipt) {
         Ok(Value::Object(members)) => members,
         other => unreachable!("a receipt is an object: {other:?}"),

@@ -40,6 +40,8 @@ pub struct Gate {
     settings: AccessSettings,
     /// Origins of web pages that may use the interface.
     origins: Vec<String>,
+    /// Whether it stays open whatever keys there are.
+    of_the_owner: bool,
 }
 
 /// Who sent a request: the owner of a key, or whoever reaches a server that has none.
@@ -59,7 +61,13 @@ impl Gate {
     /// One that nobody has a key to yet.
     #[must_use]
     pub fn new(settings: AccessSettings, origins: Vec<String>) -> Self {
-        Self { keys: ArcSwap::default(), reading: Mutex::default(), settings, origins }
+        Self { keys: ArcSwap::default(), reading: Mutex::default(), settings, origins, of_the_owner: false }
+    }
+
+    /// One that lets everybody in, whatever keys there are: for the process that owns the database and listens nowhere.
+    #[must_use]
+    pub fn of_the_owner(settings: AccessSettings) -> Self {
+        Self { of_the_owner: true, ..Self::new(settings, Vec::new()) }
     }
 
     /// Limits of keys.
@@ -73,6 +81,9 @@ impl Gate {
     /// # Errors
     /// When the database cannot be read.
     pub async fn refresh(&self, store: &Store) -> Result<(), StoreError> {
+        if self.of_the_owner {
+            return Ok(());
+        }
         // One after another, so that what is stored last was read last.
         let _turn = self.reading.lock().await;
         let keys = store.stored_keys().await?;

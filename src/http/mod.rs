@@ -113,7 +113,6 @@ use axum::response::IntoResponse;
 use tokio::sync::{Semaphore, watch};
 use tower_http::catch_panic::CatchPanicLayer;
 
-pub use batches::receipt_body;
 pub use context::RequestIds;
 pub use evaluate::Evaluator;
 pub use gate::{Gate, Need};

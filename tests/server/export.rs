@@ -8,17 +8,9 @@ use serde_json::{Value, json};
 
 use crate::artifact::download;
 use crate::lived::execute;
+use crate::support::command::headway;
 use crate::support::events::{event, events, window};
 use crate::support::server::Server;
-
-/// Runs the command line.
-fn export(arguments: &[&str]) -> std::process::Output {
-    let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_headway"));
-    for (name, _) in std::env::vars_os().filter(|(name, _)| name.to_string_lossy().starts_with("HEADWAY_")) {
-        command.env_remove(name);
-    }
-    command.arg("export").args(arguments).output().unwrap()
-}
 
 const BATCHES: &str = "/v1/models/default/batches";
 const TYPES: [(&str, &str); 3] =
@@ -200,7 +192,7 @@ async fn predictions_are_a_row_a_window_where_a_table_is_asked_for() {
 }
 
 #[tokio::test]
-async fn the_command_line_writes_what_a_server_hands_out_and_events_of_a_database_too() {
+async fn the_command_line_writes_what_a_server_hands_out_and_what_a_database_holds_alike() {
     let mut server = Server::start().await;
     server.learn("default", "fast", &events("e", 8, 16.0)).await;
     server.close_gate().await;
@@ -208,7 +200,10 @@ async fn the_command_line_writes_what_a_server_hands_out_and_events_of_a_databas
     let (url, key) = (server.url.clone(), server.key.clone().unwrap());
     let path = |name: &str| folder.path().join(name).display().to_string();
     let run = |arguments: Vec<String>| async move {
-        let told = move || export(&arguments.iter().map(String::as_str).collect::<Vec<_>>());
+        let told = move || {
+            let arguments: Vec<_> = std::iter::once("export").chain(arguments.iter().map(String::as_str)).collect();
+            headway(&arguments)
+        };
         tokio::task::spawn_blocking(told).await.unwrap()
     };
     let asked = |what: &[&str], out: &str| -> Vec<String> {
@@ -229,9 +224,8 @@ async fn the_command_line_writes_what_a_server_hands_out_and_events_of_a_databas
         (&["version", "--version", "1"], "v1.safetensors", "versions/1/artifact?format=safetensors"),
     ] {
         let output = run(asked(what, &path(name))).await;
-        assert!(output.status.success(), "{name}: {}", String::from_utf8_lossy(&output.stderr));
-        let (kept, told) =
-            (std::fs::read(path(name)).unwrap(), serde_json::from_slice::<Value>(&output.stdout).unwrap());
+        assert!(output.success, "{name}: {}", output.err);
+        let (kept, told) = (std::fs::read(path(name)).unwrap(), serde_json::from_str::<Value>(&output.out).unwrap());
         assert_eq!((told["bytes"].as_u64(), &told["file"]), (Some(kept.len() as u64), &json!(path(name))));
         assert!(kept == of_server(route).await, "{name}");
     }
@@ -242,18 +236,26 @@ async fn the_command_line_writes_what_a_server_hands_out_and_events_of_a_databas
         (&["version", "--version", "9"], "v9.onnx", "no version 9"),
     ] {
         let output = run(asked(what, &path(name))).await;
-        let told = String::from_utf8_lossy(&output.stderr).into_owned();
-        assert!(!output.status.success() && told.contains(why), "{name}: {told}");
+        let told = &output.err;
+        assert!(!output.success && told.contains(why), "{name}: {told}");
         assert!(!std::path::Path::new(&path(name)).exists());
     }
     let directory = server.stop().await;
     let database = directory.path().join("headway.db").display().to_string();
-    for name in ["b1.ndjson", "b1.csv", "b1.parquet"] {
+    for (what, name) in [
+        (&["events", "--batch", "b1"], "b1.ndjson"),
+        (&["events", "--batch", "b1"], "b1.csv"),
+        (&["events", "--batch", "b1"], "b1.parquet"),
+        (&["evaluation", "--version", "1"], "v1.json"),
+        (&["evaluation", "--version", "1"], "v1.csv"),
+        (&["version", "--version", "1"], "v1.onnx"),
+        (&["version", "--version", "1"], "v1.safetensors"),
+    ] {
         let out = path(&format!("local-{name}"));
-        let arguments = ["events", "--batch", "b1", "--out", &out, "--database", &database].map(str::to_owned);
-        let output = run(arguments.into()).await;
-        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        let arguments = [&what[..], &["--out", &out, "--database", &database]].concat();
+        let output = run(arguments.into_iter().map(str::to_owned).collect()).await;
+        assert!(output.success, "{}", output.err);
         assert!(std::fs::read(&out).unwrap() == std::fs::read(path(name)).unwrap(), "{name}");
     }
-    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 10);
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 14);
 }

@@ -1,4 +1,3 @@
-use std::process::{Command, Output};
 use std::time::{Duration, Instant};
 
 use jiff::{SignedDuration, Timestamp};
@@ -6,6 +5,7 @@ use reqwest::Method;
 use serde_json::{Value, json};
 
 use crate::support::binary::Binary;
+use crate::support::command::headway;
 use crate::support::events::events;
 use crate::support::server::{Answer, Server};
 
@@ -80,7 +80,7 @@ async fn the_server_stays_closed_when_every_key_has_ended() {
     let database = directory.path().join("headway.db");
     let made = headway(&["keys", "create", "--scope", "admin", "--database", database.to_str().unwrap()]);
     let mut server = Server::start_in(directory, "").await;
-    server.key = Some(text(&made.stdout).trim().to_owned());
+    server.key = Some(made.out.trim().to_owned());
     server.get("/v1/models").await.expect(200);
     server.stop().await;
 }
@@ -124,57 +124,41 @@ async fn a_wish_for_a_key_that_cannot_be_is_refused_and_pointed_at() {
     server.stop().await;
 }
 
-fn headway(arguments: &[&str]) -> Output {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_headway"));
-    for (name, _) in std::env::vars_os().filter(|(name, _)| name.to_string_lossy().starts_with("HEADWAY_")) {
-        command.env_remove(name);
-    }
-    command.args(arguments).output().unwrap()
-}
-
-fn text(bytes: &[u8]) -> String {
-    String::from_utf8(bytes.to_vec()).unwrap()
-}
-
 #[tokio::test(flavor = "multi_thread")]
 async fn keys_are_managed_from_the_command_line_in_a_file_and_at_a_server() {
     let directory = tempfile::tempdir().unwrap();
     let database = directory.path().join("headway.db");
     let database = database.to_str().unwrap();
     let absent = headway(&["keys", "list", "--database", database]);
-    assert!(!absent.status.success() && text(&absent.stderr).contains("there is no database"));
+    assert!(!absent.success && absent.err.contains("there is no database"));
     let first = headway(&["keys", "create", "--scope", "train", "--database", database]);
-    assert!(
-        first.status.success() && text(&first.stderr).contains("no admin key is active"),
-        "{}",
-        text(&first.stderr)
-    );
+    assert!(first.success && first.err.contains("no admin key is active"), "{}", first.err);
     let made = headway(&["keys", "create", "--scope", "admin", "--name", "mine", "--database", database]);
-    assert!(made.status.success(), "{}", text(&made.stderr));
-    let admin = text(&made.stdout).trim().to_owned();
+    assert!(made.success, "{}", made.err);
+    let admin = made.out.trim().to_owned();
 
     let mut server = Server::start_in(directory, "").await;
     server.get("/v1/models").await.expect(401);
     server.key = Some(admin.clone());
     server.get("/v1/models").await.expect(200);
     let owned = headway(&["keys", "list", "--database", database]);
-    assert!(text(&owned.stderr).contains("use --server URL"), "{}", text(&owned.stderr));
+    assert!(owned.err.contains("use --server URL"), "{}", owned.err);
     let at_server = |arguments: &[&str]| headway(&[arguments, &["--server", &server.url, "--key", &admin]].concat());
     let made =
         at_server(&["keys", "create", "--scope", "predict,ingest", "--model", "default", "--expires", "90d", "--json"]);
-    let made: Value = serde_json::from_slice(&made.stdout).unwrap();
+    let made: Value = made.json();
     assert_eq!((&made["scopes"], &made["models"]), (&json!(["predict", "ingest"]), &json!(["default"])));
     let key_id = made["key_id"].as_str().unwrap();
-    let listed = text(&at_server(&["keys", "list"]).stdout);
+    let listed = at_server(&["keys", "list"]).done();
     assert!(listed.contains(key_id) && listed.contains("mine") && !listed.contains(&admin[20..]), "{listed}");
-    assert!(at_server(&["keys", "revoke", key_id]).status.success());
+    assert!(at_server(&["keys", "revoke", key_id]).success);
     let last = at_server(&["keys", "revoke", &admin[3..19]]);
-    assert!(!last.status.success() && text(&last.stderr).contains("last active admin key"), "{}", text(&last.stderr));
-    let listed: Value = serde_json::from_slice(&at_server(&["keys", "list", "--json"]).stdout).unwrap();
+    assert!(!last.success && last.err.contains("last active admin key"), "{}", last.err);
+    let listed: Value = at_server(&["keys", "list", "--json"]).json();
     let states: Vec<_> = listed["keys"].as_array().unwrap().iter().map(|key| &key["state"]).collect();
     assert_eq!(states, ["active", "active", "revoked"]);
     let stranger = headway(&["keys", "list", "--server", &server.url]);
-    assert!(!stranger.status.success() && text(&stranger.stderr).contains("401"), "{}", text(&stranger.stderr));
+    assert!(!stranger.success && stranger.err.contains("401"), "{}", stranger.err);
     server.stop().await;
 }
 
@@ -183,13 +167,11 @@ fn a_server_without_keys_does_not_listen_beyond_loopback() {
     let directory = tempfile::tempdir().unwrap();
     let database = directory.path().join("headway.db");
     let refused = headway(&["--listen", "0.0.0.0:0", "--database", database.to_str().unwrap()]);
-    let why = text(&refused.stderr);
-    assert!(!refused.status.success() && refused.stdout.is_empty(), "{why}");
+    let why = &refused.err;
+    assert!(!refused.success && refused.out.is_empty(), "{why}");
     assert!(why.contains("not loopback") && why.contains("headway keys create --scope admin"), "{why}");
     // The command that it names lets it start.
-    assert!(
-        headway(&["keys", "create", "--scope", "admin", "--database", database.to_str().unwrap()]).status.success()
-    );
+    assert!(headway(&["keys", "create", "--scope", "admin", "--database", database.to_str().unwrap()]).success);
     let binary = Binary::start(&["--listen", "0.0.0.0:0", "--database", database.to_str().unwrap()]);
     assert!(binary.url.starts_with("http://0.0.0.0:"), "{}", binary.url);
 }

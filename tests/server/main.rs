@@ -19,6 +19,8 @@ mod backup;
 mod batches;
 /// What browsers are told.
 mod browsers;
+/// The command line, in a database and at a server.
+mod commands;
 /// The router and `api/openapi.yaml` say the same.
 mod contract;
 mod copies;

@@ -4,6 +4,7 @@
 #![expect(clippy::unwrap_used, reason = "helpers of tests say what they expect in the shortest way, as tests do")]
 
 pub(crate) mod binary;
+pub(crate) mod command;
 pub(crate) mod contract;
 pub(crate) mod events;
 pub(crate) mod server;

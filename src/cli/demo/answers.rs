@@ -2,7 +2,6 @@
 
 use std::collections::BTreeMap;
 
-use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 
 /// Of an upload.
@@ -27,42 +26,6 @@ pub(super) struct Summary {
 pub(super) struct SpeedRange {
     pub(super) min: f64,
     pub(super) max: f64,
-}
-
-/// Of a task.
-#[derive(Debug, Deserialize)]
-pub(super) struct Task {
-    #[serde(rename = "task_id")]
-    pub(super) id: String,
-    pub(super) state: String,
-    pub(super) stage: Option<u32>,
-    pub(super) version: Option<i64>,
-    pub(super) error: Option<TaskError>,
-    pub(super) started_at: Option<Timestamp>,
-    pub(super) ended_at: Option<Timestamp>,
-}
-
-/// Why a task failed.
-#[derive(Debug, Deserialize)]
-pub(super) struct TaskError {
-    pub(super) code: String,
-    pub(super) detail: String,
-}
-
-impl Task {
-    /// From its start to its end, s.
-    pub(super) fn seconds(&self) -> Option<f64> {
-        Some(self.ended_at?.duration_since(self.started_at?).as_secs_f64())
-    }
-}
-
-/// One event of a task's progress.
-#[derive(Debug, Deserialize)]
-pub(super) struct Advance {
-    pub(super) progress: f64,
-    pub(super) epoch: u64,
-    pub(super) loss: Option<f64>,
-    pub(super) events_per_s: Option<f64>,
 }
 
 /// Of a model.

@@ -2,12 +2,8 @@
 
 /// What the API answers, as far as the demo reads it.
 mod answers;
-/// A thin client of the API.
-mod client;
 /// Lines to paste into a shell.
 mod curl;
-/// How far a task is, on stderr.
-mod progress;
 /// Events from files.
 mod recorded;
 /// What came out, as one JSON object.

@@ -5,18 +5,21 @@ use std::io::Write;
 use std::time::Duration;
 
 use anyhow::{Context, bail};
+use bytes::Bytes;
+use futures_util::stream;
+use hyper::body::Frame;
 use serde::Serialize;
 use serde_json::{Map, json};
 
 use super::DemoArguments;
-use super::answers::{Evaluation, Model, Moved, Predicted, Receipt, Task};
-use super::client::Client;
+use super::answers::{Evaluation, Model, Moved, Predicted, Receipt};
 use super::curl::window;
-use super::progress::Progress;
 use super::server::DemoServer;
 use super::tables::{self, Learned, Measure};
 use super::traffic::{RegimeTraffic, Traffic};
 use super::verdict;
+use crate::cli::advance::Progress;
+use crate::cli::service::{FileBody, Service, Task};
 
 /// The twins, which are called as their methods are.
 pub(super) const MODELS: [&str; 2] = ["ewc", "naive"];
@@ -48,7 +51,7 @@ pub(super) struct Story<'a> {
     pub(super) arguments: &'a DemoArguments,
     pub(super) traffic: &'a Traffic,
     pub(super) server: &'a DemoServer,
-    client: Client,
+    service: Service,
     stages: BTreeMap<&'static str, Vec<Stage>>,
 }
 
@@ -59,7 +62,7 @@ impl<'a> Story<'a> {
         server: &'a DemoServer,
     ) -> anyhow::Result<Self> {
         let stages = MODELS.map(|model| (model, Vec::new())).into();
-        Ok(Self { arguments, traffic, server, client: Client::new(server.url())?, stages })
+        Ok(Self { arguments, traffic, server, service: Service::at(server.url())?, stages })
     }
 
     /// Names of the regimes, in the order learned.
@@ -104,7 +107,7 @@ impl<'a> Story<'a> {
         let mut used = None;
         for model in MODELS {
             let wish = json!({"model": model, "method": model, "settings": settings});
-            used = Some(self.client.post::<Model>("/v1/models", &wish).await?.settings);
+            used = Some(self.service.post::<Model>("/v1/models", &wish).await?.settings);
         }
         let used = used.expect("two models were made");
         self.say(&format!(
@@ -122,7 +125,7 @@ impl<'a> Story<'a> {
         let mut uploads = Vec::new();
         for model in MODELS {
             let path = format!("/v1/models/{model}/batches?regime={regime}");
-            let receipt: Receipt = self.client.upload(&path, &traffic.ndjson).await?;
+            let receipt: Receipt = self.upload(&path, &traffic.ndjson).await?;
             uploads.push((model, receipt));
         }
         self.say(&format!("  {}", upload_told(&uploads[0].1, traffic.left_out)))?;
@@ -133,11 +136,22 @@ impl<'a> Story<'a> {
         Ok(())
     }
 
+    /// Uploads events, one a line.
+    async fn upload(&self, path: &str, ndjson: &str) -> anyhow::Result<Receipt> {
+        let chunk = Frame::data(Bytes::copy_from_slice(ndjson.as_bytes()));
+        let chunks = stream::iter([Ok(chunk)]);
+        let body = FileBody { content_type: "application/x-ndjson", content_encoding: None, chunks };
+        match self.service.upload(path, body).await? {
+            (true, receipt) => Ok(serde_json::from_value(receipt)?),
+            (false, refused) => bail!("{path} answered {refused}"),
+        }
+    }
+
     async fn learn_with(&self, model: &str, regime: &'static str, upload: Receipt) -> anyhow::Result<Stage> {
         let tasks = format!("/v1/models/{model}/tasks");
-        let task: Task = self.client.post(&tasks, &json!({"batches": "pending", "regime": regime})).await?;
+        let task: Task = self.service.post(&tasks, &json!({"batches": "pending", "regime": regime})).await?;
         let mut progress = Progress::new(model, regime);
-        let ended = self.client.follow(&format!("{tasks}/{}", task.id), |advance| progress.show(advance)).await;
+        let ended = self.service.follow(&format!("{tasks}/{}", task.id), |advance| progress.show(advance)).await;
         progress.end();
         let ended = ended?;
         if ended.state != "succeeded" {
@@ -145,8 +159,8 @@ impl<'a> Story<'a> {
             bail!("{model} did not learn {regime} traffic, its task {} has {}{why}", ended.id, ended.state);
         }
         let version = ended.version.context("a task that succeeded has a version")?;
-        let evaluation = self.client.get(&format!("/v1/models/{model}/versions/{version}/evaluation")).await?;
-        let served: Model = self.client.get(&format!("/v1/models/{model}")).await?;
+        let evaluation = self.service.get(&format!("/v1/models/{model}/versions/{version}/evaluation")).await?;
+        let served: Model = self.service.get(&format!("/v1/models/{model}")).await?;
         let live = if served.live == Some(version) { "now live" } else { "not live" };
         let seconds = ended.seconds();
         let took = seconds.map_or_else(String::new, |seconds| format!(" in {seconds:.1} s"));
@@ -184,7 +198,7 @@ impl<'a> Story<'a> {
         self.say("  At 18 m/s, 23.2 m behind a leader at 16 m/s:")?;
         let predicted_before = self.predict().await?;
         let reason = json!({"reason": "to show that an update can be taken back"});
-        let rollback: Moved = self.client.post("/v1/models/ewc/rollback", &reason).await?;
+        let rollback: Moved = self.service.post("/v1/models/ewc/rollback", &reason).await?;
         let Moved { from, live, head, .. } = &rollback;
         self.say(&format!(
             "  rolled back: version {live} serves instead of {from}, and learning would go on from version {head}"
@@ -195,7 +209,7 @@ impl<'a> Story<'a> {
 
     async fn predict(&self) -> anyhow::Result<Predicted> {
         let ask = json!({"windows": [window()]});
-        let predicted: Predicted = self.client.post("/v1/models/ewc/predict", &ask).await?;
+        let predicted: Predicted = self.service.post("/v1/models/ewc/predict", &ask).await?;
         let first = predicted.predictions.first().context("one window has one prediction")?;
         let flags = if first.flags.is_empty() { String::new() } else { format!(" ({})", first.flags.join(", ")) };
         let (version, accel_mps2) = (predicted.version, first.accel_mps2);

@@ -1,9 +1,6 @@
 //! `headway export`: events, evaluations and versions into files, as a server hands them out; events also out of a database
 //! that nobody serves.
 
-/// Of a database that no server owns.
-mod local;
-
 use std::ffi::OsStr;
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -13,8 +10,9 @@ use clap::{Args, Subcommand};
 use serde_json::json;
 use tempfile::NamedTempFile;
 
+use super::asked::block_on;
 use super::place::Place;
-use crate::formats::SheetFormat;
+use super::service::Opened;
 use crate::lineage::ModelName;
 
 /// What `headway export` can be told.
@@ -72,7 +70,7 @@ struct Common {
 /// # Errors
 /// When it cannot be made; nothing is left under its name then, or what was there before.
 pub(super) fn run(arguments: &ExportArguments) -> anyhow::Result<()> {
-    tokio::runtime::Builder::new_current_thread().enable_all().build()?.block_on(export(&arguments.what))
+    block_on(export(&arguments.what))
 }
 
 async fn export(what: &What) -> anyhow::Result<()> {
@@ -89,21 +87,11 @@ async fn export(what: &What) -> anyhow::Result<()> {
     };
     let form = form(&common.out, forms)?;
     let mut file = beside(&common.out)?;
-    match (common.place.server()?, what) {
-        (Some(remote), _) => {
-            let path = format!("/v1/models/{}/{thing}?format={form}", common.model);
-            remote.download(&path, file.as_file_mut()).await?;
-        }
-        (None, What::Events(EventsArguments { batch, .. })) => {
-            let table = match form {
-                "csv" => Some(SheetFormat::Csv),
-                "parquet" => Some(SheetFormat::Parquet),
-                _ => None,
-            };
-            local::events(common.place.database(), &common.model, batch, table, file.as_file_mut()).await?;
-        }
-        (None, _) => bail!("a running server hands this out: --server URL"),
-    }
+    let path = format!("/v1/models/{}/{thing}?format={form}", common.model);
+    let service = common.place.service(Opened::Known).await?;
+    let written = service.download(&path, file.as_file_mut()).await;
+    service.close().await;
+    written?;
     file.as_file_mut().flush()?;
     file.as_file().sync_all()?;
     let bytes = file.as_file().metadata()?.len();

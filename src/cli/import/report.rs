@@ -6,6 +6,7 @@ use std::path::PathBuf;
 use serde_json::{Map, Value, json};
 
 use super::super::member::text;
+use super::super::table::table;
 use crate::lineage::ModelName;
 
 /// Rejections of a file that a person is shown.
@@ -58,22 +59,20 @@ impl Report<'_> {
             writeln!(out, "{}", serde_json::to_string_pretty(&json!({"model": self.model, "files": files}))?)?;
             return Ok(());
         }
-        writeln!(out, "into {}\n", self.model)?;
-        writeln!(out, "| file | batch | accepted | duplicates | rejected | steps | tasks |")?;
-        writeln!(out, "| --- | --- | --- | --- | --- | --- | --- |")?;
-        for (path, outcome) in self.outcomes {
-            let file = path.display();
-            match outcome.receipt() {
-                None => writeln!(out, "| {file} | – | – | – | – | – | – |")?,
+        let rows = self.outcomes.iter().map(|(path, outcome)| {
+            let counted = match outcome.receipt() {
+                None => Default::default(),
                 Some(receipt) => {
                     let [batch, accepted, duplicates, rejected, tasks] =
                         ["batch_id", "accepted", "duplicates", "rejected_count", "task_ids"]
                             .map(|name| text(&receipt[name]));
-                    let steps = text(&receipt["summary"]["steps"]);
-                    writeln!(out, "| {file} | {batch} | {accepted} | {duplicates} | {rejected} | {steps} | {tasks} |")?;
+                    [batch, accepted, duplicates, rejected, text(&receipt["summary"]["steps"]), tasks]
                 }
-            }
-        }
+            };
+            std::iter::once(path.display().to_string()).chain(counted).collect()
+        });
+        let head = ["FILE", "BATCH", "ACCEPTED", "DUPLICATES", "REJECTED", "STEPS", "TASKS"];
+        writeln!(out, "into {}\n\n{}", self.model, table(&head, rows.collect()))?;
         for (path, outcome) in self.outcomes {
             for line in lines(outcome) {
                 writeln!(out, "\n{}: {line}", path.display())?;
@@ -87,7 +86,10 @@ impl Report<'_> {
 fn lines(outcome: &Outcome) -> Vec<String> {
     let Some(receipt) = outcome.receipt() else {
         let Outcome::Refused(refused) = outcome else { return Vec::new() };
-        return vec![format!("refused: {}: {}", text(&refused["code"]), text(&refused["detail"]))];
+        let reasons = refused["errors"].as_array().into_iter().flatten().take(SHOWN);
+        let told = std::iter::once(refused).chain(reasons);
+        let told: Vec<_> = told.map(|why| format!("{}: {}", text(&why["code"]), text(&why["detail"]))).collect();
+        return vec![format!("refused: {}", told.join("; "))];
     };
     let mut lines = Vec::new();
     if let Some(extraction) = receipt["summary"].get("extraction") {

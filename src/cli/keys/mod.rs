@@ -12,8 +12,10 @@ use clap::{Args, Subcommand};
 use jiff::{SpanRelativeTo, Timestamp};
 use serde_json::Value;
 
+use super::asked::{block_on, print};
 use super::member::text;
 use super::place::Place;
+use super::table::{table, time};
 use crate::access::{KeyWish, Scope};
 use crate::lineage::ModelName;
 use local::Database;
@@ -95,7 +97,7 @@ enum Keys {
 impl Keys {
     async fn of(whose: &Whose, create: bool) -> anyhow::Result<Self> {
         match whose.place.server()? {
-            Some(remote) => Ok(Self::Server(Server(remote))),
+            Some(service) => Ok(Self::Server(Server(service))),
             None => Database::open(whose.place.database(), create).await.map(Self::Database),
         }
     }
@@ -130,8 +132,7 @@ impl Keys {
 
 /// Does what was asked, and prints what came of it.
 pub(super) fn run(arguments: KeysArguments) -> anyhow::Result<()> {
-    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
-    runtime.block_on(perform(arguments.command))
+    block_on(perform(arguments.command))
 }
 
 async fn perform(command: Command) -> anyhow::Result<()> {
@@ -182,19 +183,16 @@ fn show_made(made: &Value, json: bool) -> anyhow::Result<()> {
 }
 
 fn show_list(keys: &[Value], json: bool) -> anyhow::Result<()> {
-    let mut out = std::io::stdout().lock();
-    if json {
-        return Ok(writeln!(out, "{}", serde_json::json!({"keys": keys}))?);
-    }
-    writeln!(out, "{:16}  {:7}  {:20}  {:20}  {:27}  NAME", "KEY", "STATE", "SCOPES", "MODELS", "EXPIRES")?;
-    for key in keys {
-        let [id, state, scopes, models, expires, name] =
-            ["key_id", "state", "scopes", "models", "expires_at", "name"].map(|member| text(&key[member]));
-        let models = if models.is_empty() { "all".to_owned() } else { models };
-        let expires = if expires.is_empty() { "never".to_owned() } else { expires };
-        writeln!(out, "{id:16}  {state:7}  {scopes:20}  {models:20}  {expires:27}  {name}")?;
-    }
-    Ok(())
+    print(json, &serde_json::json!({"keys": keys}), || {
+        let rows = keys.iter().map(|key| {
+            let [id, state, scopes, models, name] =
+                ["key_id", "state", "scopes", "models", "name"].map(|member| text(&key[member]));
+            let models = if models.is_empty() { "all".to_owned() } else { models };
+            let expires = time(&key["expires_at"]);
+            vec![id, state, scopes, models, if expires.is_empty() { "never".to_owned() } else { expires }, name]
+        });
+        table(&["KEY", "STATE", "SCOPES", "MODELS", "EXPIRES", "NAME"], rows.collect())
+    })
 }
 
 #[cfg(test)]

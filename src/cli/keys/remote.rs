@@ -1,14 +1,14 @@
 //! Keys of a running server.
 
-use anyhow::{Context, bail};
+use anyhow::bail;
 use hyper::Method;
 use serde_json::{Value, json};
 
 use crate::access::KeyWish;
-use crate::cli::remote::Remote;
+use crate::cli::service::Service;
 
 /// A server whose keys are meant.
-pub(super) struct Server(pub(super) Remote);
+pub(super) struct Server(pub(super) Service);
 
 impl Server {
     pub(super) async fn create(&self, wish: &KeyWish) -> anyhow::Result<Value> {
@@ -19,15 +19,7 @@ impl Server {
     }
 
     pub(super) async fn list(&self) -> anyhow::Result<Vec<Value>> {
-        let (mut listed, mut token) = (Vec::new(), String::new());
-        loop {
-            let mut page = self.0.send(Method::GET, &format!("/v1/keys?page_size=1000{token}"), None).await?;
-            listed.append(page["keys"].as_array_mut().context("the server answered without keys")?);
-            match page["next_page_token"].as_str() {
-                Some(next) => token = format!("&page_token={next}"),
-                None => return Ok(listed),
-            }
-        }
+        self.0.list("/v1/keys", "keys").await
     }
 
     pub(super) async fn revoke(&self, key_id: &str, force: bool) -> anyhow::Result<Value> {

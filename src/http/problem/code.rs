@@ -152,8 +152,9 @@ codes! {
 }
 
 impl Code {
-    /// The code of this name.
-    pub(in crate::http) fn named(name: &str) -> Option<Self> {
+    /// The code of this name on the wire.
+    #[must_use]
+    pub fn named(name: &str) -> Option<Self> {
         Self::ALL.iter().copied().find(|code| code.row().0 == name)
     }
 

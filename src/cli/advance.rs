@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use indicatif::{ProgressBar, ProgressStyle};
 
-use super::answers::Advance;
+use super::service::Advance;
 
 /// Ticks of a full bar.
 const FULL: u64 = 1000;
