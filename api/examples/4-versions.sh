@@ -18,6 +18,9 @@ curl -sS --fail-with-body -X POST "$url/v1/models/quick/evaluate?versions=1,2&re
 curl -sS --fail-with-body -o quick-v2.onnx "$url/v1/models/quick/versions/2/artifact?format=onnx"
 curl -sS --fail-with-body -o quick-v2.safetensors "$url/v1/models/quick/versions/2/artifact?format=safetensors"
 
+# As IDM drivers for SUMO, and how far they are from it.
+curl -sS --fail-with-body -o quick-v2.add.xml "$url/v1/models/quick/versions/2/artifact?format=sumo"
+
 # Into another model, of the same method and settings, which continues it from there.
 curl -sS --fail-with-body -X POST "$url/v1/models" \
   -H 'Content-Type: application/json' -d '{"model": "moved", "method": "ewc", "settings": {"hidden": 8, "epochs": 1}}'

@@ -14,6 +14,7 @@ use sha2::{Digest, Sha256};
 use tokio::sync::OwnedSemaphorePermit;
 
 use super::AppState;
+use super::distilled;
 use super::download::{self, PIECE_BYTES, Tag};
 use super::path::{ModelAt, VersionAt};
 use super::problem::{Code, InputError, Problem};
@@ -35,6 +36,18 @@ pub(super) struct Wanted {
 enum Format {
     Safetensors,
     Onnx,
+    Sumo,
+}
+
+impl Format {
+    /// How the name of a file of it ends, and what it is.
+    fn file(self) -> (&'static str, &'static str) {
+        match self {
+            Self::Safetensors => ("safetensors", "application/octet-stream"),
+            Self::Onnx => ("onnx", "application/octet-stream"),
+            Self::Sumo => ("add.xml", "application/xml"),
+        }
+    }
 }
 
 impl Wanted {
@@ -42,11 +55,12 @@ impl Wanted {
         match self.format.as_deref() {
             Some("safetensors") => Ok(Format::Safetensors),
             Some("onnx") => Ok(Format::Onnx),
+            Some("sumo") => Ok(Format::Sumo),
             other => {
                 let (code, given) = other.map_or(("missing", "nothing"), |given| ("invalid_value", given));
-                let detail = format!("safetensors or onnx, not {given:.64}");
+                let detail = format!("safetensors, onnx or sumo, not {given:.64}");
                 let error = InputError::parameter("format", code, detail);
-                Err(Code::InvalidQuery.because("format is to be safetensors or onnx").with_error(error))
+                Err(Code::InvalidQuery.because("format is to be safetensors, onnx or sumo").with_error(error))
             }
         }
     }
@@ -67,14 +81,15 @@ pub(super) async fn download(
     let file = match format {
         Format::Onnx => whole(onnx_file(&model, &version, &weights)?),
         Format::Safetensors => safetensors_file(&app, &model, &version, &weights).await?,
+        Format::Sumo => whole(distilled::file(&app, &model, &version).await?),
     };
-    let suffix = if matches!(format, Format::Onnx) { "onnx" } else { "safetensors" };
+    let (suffix, media_type) = format.file();
     let name = format!("{}-v{}.{suffix}", model.name, version.version);
     if let Some(known) = file.tag.not_modified(&headers) {
         return Ok(known);
     }
     let (tag, bytes) = (file.tag.clone(), file.bytes);
-    Ok(tag.on(download::file(&name, "application/octet-stream", body(file, app, turn)), bytes))
+    Ok(tag.on(download::file(&name, media_type, body(file, app, turn)), bytes))
 }
 
 /// The version's weights, where there are any and they are what was written.

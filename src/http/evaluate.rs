@@ -139,7 +139,7 @@ fn unusable(parameter: &'static str, detail: String) -> Problem {
     Code::InvalidQuery.because(detail.clone()).with_error(InputError::parameter(parameter, "invalid_value", detail))
 }
 
-fn refusal(model: &Model, error: PredictError) -> Problem {
+pub(super) fn refusal(model: &Model, error: PredictError) -> Problem {
     match error {
         PredictError::UnknownVersion(version) => versions::missing(model.name.as_str(), version),
         PredictError::Unusable(_) => Code::Corrupt.because(error.to_string()),

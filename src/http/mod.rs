@@ -22,6 +22,8 @@ pub mod connections;
 mod context;
 /// `/openapi.json`, `/openapi.yaml`, `/docs`.
 mod contract;
+/// Versions as drivers of the IDM.
+mod distilled;
 /// Files that are handed out.
 mod download;
 /// `ETag` and `If-Match`.

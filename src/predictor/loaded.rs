@@ -128,6 +128,25 @@ impl Loaded {
         })
     }
 
+    /// The event as the version drives it, within the envelope, behind the recorded leader: the window that it begins from is as
+    /// recorded. It must be longer than that, and at the version's step.
+    pub(super) fn driven(&self, event: &Event) -> Event {
+        let (begin, leader) = (0..self.horizon(), event.leader_speed_mps());
+        let initial = Window {
+            follower_speed_mps: event.follower_speed_mps()[begin.clone()].to_vec(),
+            leader_speed_mps: leader[begin.clone()].to_vec(),
+            spacing_m: event.spacing_m()[begin].to_vec(),
+        };
+        let drive = self.driver.simulate(&initial, &leader[self.horizon()..], self.envelope);
+        let joined = |before: Vec<f32>, after: Vec<f32>| [before, after].concat();
+        Event::new(
+            event.dt_s(),
+            joined(initial.spacing_m, drive.spacing_m),
+            joined(initial.follower_speed_mps, drive.follower_speed_mps),
+            leader.to_vec(),
+        )
+    }
+
     /// Drives `events`, at the version's step, closed loop.
     pub(super) fn evaluate(&self, events: &[Event], workers: &ThreadPool) -> Errors {
         let driver = &self.driver;

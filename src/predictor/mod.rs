@@ -6,6 +6,7 @@ mod answer;
 mod company;
 #[cfg(test)]
 mod company_tests;
+mod distillation;
 mod error;
 mod large;
 mod loaded;
@@ -22,6 +23,7 @@ mod trial;
 mod vehicle;
 
 pub use answer::{Flag, Prediction, Simulated};
+pub use distillation::{Distillation, Distilled};
 pub use error::PredictError;
 pub use loaded::Loaded;
 pub use sequences::{SequenceError, SequenceId, Sequences};

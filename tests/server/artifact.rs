@@ -91,7 +91,7 @@ async fn a_file_is_refused_for_what_is_wrong_with_the_wish_or_the_version() {
     for wish in ["1/artifact", "1/artifact?format=pickle"] {
         let refused = server.get(&path(wish)).await.expect_problem(422, "invalid_query");
         assert_eq!(refused["errors"][0]["parameter"], "format");
-        assert!(refused["detail"].as_str().unwrap().contains("safetensors or onnx"));
+        assert!(refused["detail"].as_str().unwrap().contains("safetensors, onnx or sumo"));
     }
     server.get(&path("9/artifact?format=onnx")).await.expect_problem(404, "version_not_found");
     let database = server.directory.path().join("headway.db");

@@ -26,6 +26,8 @@ mod contract;
 mod copies;
 /// Damaged databases.
 mod corruption;
+/// Versions as vehicle types of SUMO.
+mod distilled;
 /// What the server says of itself.
 mod documented;
 /// Content that goes for good.

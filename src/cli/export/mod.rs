@@ -28,7 +28,7 @@ enum What {
     Events(EventsArguments),
     /// How a version drives, a row a regime: .json, .csv or .parquet.
     Evaluation(VersionArguments),
-    /// A version as a file: .safetensors or .onnx.
+    /// A version as a file: .safetensors, .onnx, or as vehicle types of SUMO (--format sumo).
     Version(VersionArguments),
 }
 
@@ -55,9 +55,12 @@ struct Common {
     /// Of which model
     #[arg(long, value_name = "NAME", default_value = "default", value_parser = ModelName::parse)]
     model: ModelName,
-    /// The file that is written; its name says in what form
+    /// The file that is written; its name says in what form, unless --format does
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
+    /// In what form
+    #[arg(long, value_name = "NAME")]
+    format: Option<String>,
     #[command(flatten)]
     place: Place,
     /// Print one JSON object
@@ -82,10 +85,16 @@ async fn export(what: &What) -> anyhow::Result<()> {
             (common, format!("versions/{version}/evaluation"), &["json", "csv", "parquet"])
         }
         What::Version(VersionArguments { version, common }) => {
-            (common, format!("versions/{version}/artifact"), &["safetensors", "onnx"])
+            (common, format!("versions/{version}/artifact"), &["safetensors", "onnx", "sumo"])
         }
     };
-    let form = form(&common.out, forms)?;
+    let form = match &common.format {
+        Some(named) => *forms
+            .iter()
+            .find(|form| *form == named)
+            .with_context(|| format!("--format is one of {}", forms.join(", ")))?,
+        None => form(&common.out, forms)?,
+    };
     let mut file = beside(&common.out)?;
     let path = format!("/v1/models/{}/{thing}?format={form}", common.model);
     let service = common.place.service(Opened::Known).await?;

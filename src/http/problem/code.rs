@@ -99,6 +99,8 @@ codes! {
         "joint and replay… learn from what their line has learned, which a file of weights does not bring. Import into a model of another method."
     NoLiveVersion "no_live_version" CONFLICT "The model has no live version"
         "Let the model learn a batch, or promote a version: POST …/promote."
+    NothingToDistil "nothing_to_distil" CONFLICT "No event is left to distil by"
+        "Events that the version learned from tell behind which leaders it drives; they were retracted or not kept. Export safetensors or onnx, which need none."
     NoParentVersion "no_parent_version" CONFLICT "There is no version to roll back to"
         "Name the version to roll back to."
     Corrupt "corrupt" CONFLICT "What this needs is not what was stored"
