@@ -1,13 +1,15 @@
 //! `headway train`: what waits is learned now, and the version that came of it is told.
 
-use anyhow::bail;
+use anyhow::{anyhow, bail};
 use clap::Args;
 use serde_json::{Map, Value, json};
 
 use super::advance::Progress;
 use super::asked::{Asked, block_on};
 use super::measures::measures;
-use super::service::{Opened, Service, Task};
+use super::member::text;
+use super::serve::signals;
+use super::service::{Opened, Refusal, Service, Task};
 use crate::lineage::RegimeName;
 
 /// What `headway train` can be told.
@@ -22,7 +24,7 @@ pub(super) struct TrainArguments {
     /// A setting of this task alone, as often as needed: --set strength=auto
     #[arg(long = "set", value_name = "KEY=VALUE", value_parser = setting)]
     settings: Vec<(String, Value)>,
-    /// Do not wait for the task; at a server only
+    /// Do not wait for the tasks; at a server only
     #[arg(long, requires = "server")]
     detach: bool,
     #[command(flatten)]
@@ -39,7 +41,11 @@ pub(super) fn setting(text: &str) -> Result<(String, Value), String> {
 pub(super) fn run(arguments: &TrainArguments) -> anyhow::Result<()> {
     block_on(async {
         let service = arguments.asked.place.service(Opened::Learning).await?;
-        let trained = train(arguments, &service).await;
+        let interrupted = signals()?;
+        let trained = tokio::select! {
+            trained = train(arguments, &service) => trained,
+            () = interrupted => Err(anyhow!("interrupted; {}", service.goes_on())),
+        };
         service.close().await;
         trained
     })
@@ -55,29 +61,56 @@ async fn train(arguments: &TrainArguments, service: &Service) -> anyhow::Result<
         wish["settings"] = Value::Object(settings.iter().cloned().collect::<Map<_, _>>());
     }
     let tasks = asked.path("/tasks");
-    let made: Value = service.post(&tasks, &wish).await?;
-    let id = made["task_id"].as_str().unwrap_or_default();
-    if *detach {
-        return asked.print(&made, || format!("task {id} is queued"));
+    let mut ids = waiting(service, &tasks).await?;
+    match service.post::<Value>(&tasks, &wish).await {
+        Ok(queued) if *detach => return asked.print(&queued, || format!("queued: {}", text(&queued["task_ids"]))),
+        Ok(queued) => ids.extend(queued["task_ids"].as_array().into_iter().flatten().map(text)),
+        // What waited before may be all there is.
+        Err(error) if !ids.is_empty() && batches.is_empty() && is_nothing_pending(&error) => {}
+        Err(error) => return Err(error),
     }
-    let mut progress = Progress::new(asked.model.as_str(), made["regime"].as_str().unwrap_or_default());
-    let ended = service.follow(&format!("{tasks}/{id}"), |advance| progress.show(advance)).await;
+    let mut trained = Vec::new();
+    for id in ids {
+        trained.push(follow(asked, service, &format!("{tasks}/{id}")).await?);
+    }
+    asked.print(&json!({"trained": trained}), || {
+        trained.iter().map(|of| told(asked, of)).collect::<Vec<_>>().join("\n\n")
+    })
+}
+
+/// Tasks that were asked for before and have not ended, the oldest first.
+async fn waiting(service: &Service, tasks: &str) -> anyhow::Result<Vec<String>> {
+    let known = service.list(tasks, "tasks").await?;
+    let waits = |task: &&Value| ["queued", "running"].contains(&task["state"].as_str().unwrap_or_default());
+    Ok(known.iter().filter(waits).map(|task| text(&task["task_id"])).collect())
+}
+
+fn is_nothing_pending(error: &anyhow::Error) -> bool {
+    error.downcast_ref().is_some_and(|refusal: &Refusal| refusal.code == "nothing_pending")
+}
+
+/// What came of a task, once it has ended.
+async fn follow(asked: &Asked, service: &Service, path: &str) -> anyhow::Result<Value> {
+    let task: Task = service.get(path).await?;
+    let mut progress = Progress::new(asked.model.as_str(), task.regime.as_deref().unwrap_or_default());
+    let ended = service.follow(path, |advance| progress.show(advance)).await;
     progress.end();
-    let Task { id, state, version, error, regime, .. } = &ended?;
+    let Task { id, state, version, error, .. } = &ended?;
     let Some(version) = version.filter(|_| state == "succeeded") else {
         let why = error.as_ref().map_or_else(String::new, |error| format!(": {}: {}", error.code, error.detail));
         bail!("task {id} has {state}{why}");
     };
     let made: Value = service.get(&asked.path(&format!("/versions/{version}"))).await?;
     let evaluation: Value = service.get(&asked.path(&format!("/versions/{version}/evaluation"))).await?;
-    let promotion = &made["promotion"];
-    asked.print(&json!({"version": made, "evaluation": evaluation}), || {
-        let [decision, reason] = ["decision", "reason"].map(|member| promotion[member].as_str().unwrap_or_default());
-        let of = format!("version {version} of {}", asked.model);
-        let regime = regime.as_deref().unwrap_or_default();
-        let table = measures(&[(format!("v{version}"), &evaluation["tasks"])]);
-        format!("{of} has learned {regime} traffic; {decision}: {reason}\n\n{table}")
-    })
+    Ok(json!({"task_id": id, "version": made, "evaluation": evaluation}))
+}
+
+fn told(asked: &Asked, trained: &Value) -> String {
+    let (made, evaluation) = (&trained["version"], &trained["evaluation"]);
+    let [version, regime] = ["version", "regime"].map(|member| text(&made[member]));
+    let [decision, reason] = ["decision", "reason"].map(|member| text(&made["promotion"][member]));
+    let table = measures(&[(format!("v{version}"), &evaluation["tasks"])]);
+    format!("version {version} of {} has learned {regime} traffic; {decision}: {reason}\n\n{table}", asked.model)
 }
 
 #[cfg(test)]

@@ -1,6 +1,8 @@
 //! The command line does in a database that nobody serves what it does at a server.
 
+use std::io::{BufRead, BufReader, Read};
 use std::path::Path;
+use std::process::{Command, Stdio};
 
 use serde_json::{Value, json};
 
@@ -122,10 +124,19 @@ async fn a_person_reads_plain_tables() {
     assert!(trained[3].starts_with("v1 fast 3 "), "{trained:?}");
     let versions = lines(&["versions"]);
     assert!(versions[1].starts_with("1 1 fast – ewc 1.00 live,head 20"), "{versions:?}");
+    // What waits of two regimes is learned in turn.
+    for (regime, speed) in [("slow", 6.0), ("jam", 3.0)] {
+        let file = written(folder.path(), "other.ndjson", &ndjson(&events(regime, 12, speed)));
+        lines(&["import", &file, "--regime", regime]);
+    }
+    let trained = lines(&["train"]);
+    let learned: Vec<_> = trained.iter().filter(|line| line.starts_with("version ")).collect();
+    assert!(learned[0].starts_with("version 2 of default has learned slow traffic"), "{trained:?}");
+    assert!(learned[1].starts_with("version 3 of default has learned jam traffic"), "{trained:?}");
     let window = written(folder.path(), "window.json", window(5, 9.0).to_string().as_bytes());
     let predicted = lines(&["predict", &window]);
-    assert_eq!((predicted[0].as_str(), predicted.len()), ("version 1 of default", 4));
-    assert_eq!(lines(&["models", "list"])[1].split(' ').take(4).collect::<Vec<_>>(), ["default", "ewc", "1", "1"]);
+    assert_eq!((predicted[0].as_str(), predicted.len()), ("version 3 of default", 4));
+    assert_eq!(lines(&["models", "list"])[1].split(' ').take(4).collect::<Vec<_>>(), ["default", "ewc", "3", "3"]);
     server.stop().await;
 }
 
@@ -153,6 +164,31 @@ async fn a_command_that_cannot_do_its_work_says_why_and_what_helps() {
     }
     assert!(!Path::new(&absent).exists());
     server.stop().await;
+}
+
+#[test]
+fn learning_that_is_interrupted_goes_on_with_the_next_command() {
+    let folder = tempfile::tempdir().unwrap();
+    let database = folder.path().join("headway.db").to_str().unwrap().to_owned();
+    let place = Place(&["--database", &database]);
+    let file = written(folder.path(), "e.ndjson", &ndjson(&events("e", 12, 16.0)));
+    place.run(&["import", &file, "--regime", "fast"]).done();
+    let mut command = Command::new(env!("CARGO_BIN_EXE_headway"));
+    command.envs(VARIABLES).env("HEADWAY_SERVER__PROGRESS_INTERVAL_S", "0.05").args(["train", "--set", "epochs=1000", "--database", &database]);
+    let mut child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    let mut said = BufReader::new(child.stderr.take().unwrap());
+    let mut line = String::new();
+    said.read_line(&mut line).unwrap();
+    assert!(line.contains("epoch "), "{line}");
+    assert!(Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap().success());
+    assert!(!child.wait().unwrap().success());
+    let mut rest = String::new();
+    said.read_to_string(&mut rest).unwrap();
+    assert!(rest.contains("interrupted") && rest.contains("headway train"), "{rest}");
+    assert!(place.run(&["versions"]).done().contains("has learned nothing yet"));
+    let trained = place.run(&["train", "--json"]).json();
+    assert_eq!(trained["trained"][0]["version"]["settings"]["epochs"], 1000);
+    assert!(place.run(&["train"]).refused().contains("Upload events first"));
 }
 
 #[test]

@@ -1,6 +1,6 @@
 //! What was answered, and what a person is told of a refusal.
 
-use anyhow::{Context, anyhow};
+use anyhow::Context;
 use axum::body::Body;
 use http_body_util::BodyExt;
 use hyper::Response;
@@ -21,6 +21,14 @@ pub(super) struct Answer {
     pub(super) is_success: bool,
     /// Null where it is no JSON.
     pub(super) body: Value,
+}
+
+/// Why something was refused, and what helps.
+#[derive(Debug, thiserror::Error)]
+#[error("{told}")]
+pub(in crate::cli) struct Refusal {
+    pub(in crate::cli) code: String,
+    told: String,
 }
 
 /// What is read of a problem.
@@ -54,9 +62,9 @@ impl Answer {
     }
 
     /// Why it was refused, and what to do about it.
-    pub(super) fn refusal(&self) -> anyhow::Error {
+    pub(super) fn refusal(&self) -> Refusal {
         let problem: Problem = serde_json::from_value(self.body.clone()).unwrap_or_default();
-        anyhow!("{}", problem.told())
+        Refusal { told: problem.told(), code: problem.code }
     }
 }
 

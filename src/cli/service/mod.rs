@@ -12,7 +12,7 @@ use std::fs::File;
 use std::io::{self, Write};
 use std::path::Path;
 
-use anyhow::{Context, bail};
+use anyhow::{Context, anyhow, bail};
 use axum::body::Body;
 use bytes::Bytes;
 use futures_util::Stream;
@@ -28,6 +28,7 @@ use serde_json::Value;
 use super::settings;
 use crate::app::Inside;
 use answer::Answer;
+pub(super) use answer::Refusal;
 use server::Server;
 pub(super) use server::ServerArguments;
 pub(super) use task::{Advance, Task};
@@ -75,6 +76,14 @@ impl Service {
             bail!("there is no database {}; --database FILE names one, --server URL a server", path.display());
         }
         Ok(Self::Inside(Box::new(Inside::open(config, opened == Opened::Learning).await?)))
+    }
+
+    /// What becomes of a task when nobody waits for it any more.
+    pub(super) fn goes_on(&self) -> &'static str {
+        match self {
+            Self::Server(_) => "the task goes on at the server",
+            Self::Inside(_) => "the next `headway train`, or a server, goes on from the checkpoint that is written now",
+        }
     }
 
     /// Ends what was opened for the command.
@@ -187,8 +196,8 @@ impl Service {
 
     fn refusal(&self, answer: &Answer) -> anyhow::Error {
         match self {
-            Self::Server(_) => answer.refusal().context(format!("the server answered {}", answer.shown)),
-            Self::Inside(_) => answer.refusal(),
+            Self::Server(_) => anyhow!(answer.refusal()).context(format!("the server answered {}", answer.shown)),
+            Self::Inside(_) => answer.refusal().into(),
         }
     }
 }
