@@ -21,6 +21,7 @@ use super::tasks::{NewTask, Wait, wish};
 use super::versions::Note;
 use super::{ServerSettings, audit, batches, etag, idempotency, path, v2};
 use crate::access::Token;
+use crate::car_following::ExtractionSettings;
 use crate::driver::Window;
 use crate::formats::Format;
 use crate::ingest::UploadOptions;
@@ -167,7 +168,9 @@ pub fn query(asked: Asked, text: &str, settings: &ServerSettings) -> Result<Stri
 
 fn upload(options: &UploadOptions) -> Result<String, Problem> {
     let conversion = options.conversion(Format::Csv).map_err(|error| option_problem(&error))?;
-    Ok(format!("{options:?} {conversion:?}"))
+    let extraction = options.extraction(Format::Csv, &ExtractionSettings::default());
+    let extraction = extraction.map_err(|error| option_problem(&error))?;
+    Ok(format!("{options:?} {conversion:?} {extraction:?}"))
 }
 
 /// What the headers of an upload say: what its body is, who sends it, and whether it may be sent again.
