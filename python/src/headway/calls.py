@@ -1,0 +1,46 @@
+"""What is asked of a server, and what it answered, without saying how either is sent."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Generator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, TypeVar
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Call:
+    """One request. A body that is a path is read while it is sent."""
+
+    method: str
+    path: str
+    query: Mapping[str, Any] = field(default_factory=dict)
+    body: bytes | Path | None = None
+    headers: Mapping[str, str] = field(default_factory=dict)
+    repeatable: bool = True
+    """Whether sending it twice does no more than sending it once."""
+    wait_s: float = 0.0
+    """How long the server was asked to wait before it answers."""
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a server answered that did as it was asked."""
+
+    status: int
+    headers: Mapping[str, str]
+    body: bytes
+
+    def json(self) -> Any:
+        """The body, which is JSON."""
+        return json.loads(self.body)
+
+
+Operation = Generator[Call, Answer, T]
+"""Calls one after another, each knowing the answers to those before; what it returns is what came of them.
+
+An operation is written once, and driven by a client that waits or by one that awaits.
+"""

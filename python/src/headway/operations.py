@@ -1,0 +1,209 @@
+"""Everything that can be asked of a server, each once, whoever sends it."""
+
+from __future__ import annotations
+
+import io
+import json
+import uuid
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+
+import numpy as np
+import pandas as pd
+
+from .answers import Batch, ModelInfo, Simulation, Version, measures_of
+from .calls import Answer, Call, Operation
+from .events import Events, body_of
+from .problem import TaskFailed
+from .windows import Predictions, Windows, array_of, predictions_of, request_of
+
+POLL_S = 1.0
+"""How long a server is asked to wait for a task before it tells how far it is."""
+
+Told = Callable[[float, str], None]
+"""Is told how far a task is, from 0 to 1, and of what regime."""
+
+
+def model_path(model: str, rest: str = "") -> str:
+    """A path under a model's."""
+    return f"/v1/models/{quote(model, safe='')}{rest}"
+
+
+def get(path: str, **query: Any) -> Operation[Any]:
+    """JSON that is there."""
+    answer: Answer = yield Call("GET", path, query)
+    return answer.json()
+
+
+def post(path: str, body: Mapping[str, Any], *, creates: bool = False) -> Operation[Any]:
+    """Asks for something in JSON. What creates carries a key: a server does it once, however often it is sent."""
+    headers = {"content-type": "application/json"}
+    if creates:
+        headers["idempotency-key"] = str(uuid.uuid4())
+    content = json.dumps(body, allow_nan=False).encode()
+    answer: Answer = yield Call("POST", path, body=content, headers=headers, repeatable=creates)
+    return answer.json()
+
+
+def pages(path: str, member: str) -> Operation[list[dict[str, Any]]]:
+    """Every entry of a list."""
+    entries: list[dict[str, Any]] = []
+    token = None
+    while True:
+        page = yield from get(path, page_size=1000, page_token=token)
+        entries += page[member]
+        token = page["next_page_token"]
+        if token is None:
+            return entries
+
+
+def models() -> Operation[list[ModelInfo]]:
+    """Every model."""
+    return [ModelInfo.read(said) for said in (yield from pages("/v1/models", "models"))]
+
+
+def create_model(
+    name: str, method: str, settings: Mapping[str, Any], from_: tuple[str, int] | None
+) -> Operation[ModelInfo]:
+    """A new model."""
+    body: dict[str, Any] = {"model": name, "method": method, "settings": dict(settings)}
+    if from_ is not None:
+        body["from"] = {"model": from_[0], "version": from_[1]}
+    return ModelInfo.read((yield from post("/v1/models", body, creates=True)))
+
+
+def upload(model: str, events: Events, options: Mapping[str, Any]) -> Operation[Batch]:
+    """Uploads events."""
+    body = body_of(events)
+    headers = {**body.headers, "idempotency-key": str(uuid.uuid4())}
+    answer: Answer = yield Call("POST", model_path(model, "/batches"), options, body.content, headers)
+    return Batch.read(answer.json())
+
+
+def train(
+    model: str, batches: list[str] | None, regime: str | None, settings: Mapping[str, Any], told: Told
+) -> Operation[list[Version]]:
+    """Learns, waits, and gives the versions that came of it."""
+    wish: dict[str, Any] = {"batches": batches if batches is not None else "pending"}
+    if regime is not None:
+        wish["regime"] = regime
+    if settings:
+        wish["settings"] = dict(settings)
+    queued = yield from post(model_path(model, "/tasks"), wish, creates=True)
+    made = []
+    for task_id in queued["task_ids"]:
+        task = yield from ended(model, task_id, told)
+        made.append((yield from version(model, task["version"])))
+    return made
+
+
+def ended(model: str, task_id: str, told: Told) -> Operation[dict[str, Any]]:
+    """A task once it has a version."""
+    path = model_path(model, f"/tasks/{quote(task_id, safe='')}")
+    while True:
+        answer: Answer = yield Call("GET", path, {"wait_s": POLL_S}, wait_s=POLL_S)
+        task: dict[str, Any] = answer.json()
+        told(1.0 if task["state"] == "succeeded" else task["progress"] or 0.0, task["regime"])
+        if task["state"] == "succeeded":
+            return task
+        if task["state"] not in ("queued", "running"):
+            raise TaskFailed(task)
+
+
+def version(model: str, number: int) -> Operation[Version]:
+    """One version."""
+    return Version.read((yield from get(model_path(model, f"/versions/{number}"))))
+
+
+def versions(model: str) -> Operation[list[Version]]:
+    """Every version of a model, the oldest first."""
+    return [Version.read(said) for said in (yield from pages(model_path(model, "/versions"), "versions"))]
+
+
+def evaluation(model: str, number: int) -> Operation[pd.DataFrame]:
+    """How a version drives on the test events of every regime that it has learned."""
+    said = yield from get(model_path(model, f"/versions/{number}/evaluation"))
+    return measures_of(said["tasks"], version=number)
+
+
+def forgetting(model: str) -> Operation[pd.DataFrame]:
+    """Regimes × versions of the line that is learned on: spacing error over what it was when just learned."""
+    info = ModelInfo.read((yield from get(model_path(model))))
+    line = {made.version: made for made in (yield from versions(model))}
+    ratios: dict[int, pd.Series[float]] = {}
+    number = info.head
+    while number is not None:
+        frame = yield from evaluation(model, number)
+        ratios[number] = frame.set_index("regime")["forgetting_ratio"].astype(float)
+        number = line[number].raw["parent"]
+    table = pd.DataFrame({number: ratios[number] for number in sorted(ratios)})
+    table.columns.name = "version"
+    learned = [line[number].regime for number in sorted(ratios)]
+    return table.reindex(list(dict.fromkeys(learned)))
+
+
+def move(model: str, way: str, number: int | None, reason: str, force: bool) -> Operation[dict[str, Any]]:
+    """Promotes, or rolls back."""
+    said: dict[str, Any] = yield from post(
+        model_path(model, way), {"version": number, "reason": reason, "force": force}, creates=True
+    )
+    return said
+
+
+def predict(model: str, windows: Windows, number: int | None) -> Operation[Predictions]:
+    """The next acceleration of each window."""
+    array = array_of(windows)
+    content, headers = request_of(array)
+    of = "" if number is None else f"/versions/{number}"
+    path = f"/v2/models/{quote(model, safe='')}{of}/infer"
+    # It changes nothing, so that it may be sent again.
+    return predictions_of((yield Call("POST", path, body=content, headers=headers)))
+
+
+def simulate(
+    model: str, initial: Mapping[str, Any] | np.ndarray[Any, Any], leader_speed_mps: Any, number: int | None
+) -> Operation[Simulation]:
+    """Drives a follower behind a leader."""
+    if isinstance(initial, np.ndarray):
+        initial = dict(
+            zip(["follower_speed_mps", "leader_speed_mps", "_", "spacing_m"], initial.T.tolist(), strict=True)
+        )
+        del initial["_"]
+    leader = np.asarray(leader_speed_mps, dtype=float).tolist()
+    body: dict[str, Any] = {"initial": initial, "leader_speed_mps": leader}
+    if number is not None:
+        body["version"] = number
+    return Simulation.read((yield from post(model_path(model, "/simulate"), body)))
+
+
+def evaluate(
+    model: str, events: Events, numbers: list[int] | None, references: list[str], options: Mapping[str, Any]
+) -> Operation[pd.DataFrame]:
+    """How versions and drivers out of the literature do on events that are not kept."""
+    body = body_of(events)
+    query = dict(options)
+    if numbers:
+        query["versions"] = ",".join(str(number) for number in numbers)
+    if references:
+        query["references"] = ",".join(references)
+    answer: Answer = yield Call("POST", model_path(model, "/evaluate"), query, body.content, body.headers)
+    said = answer.json()
+    frames = [measures_of(tried["tasks"], driver=f"version {tried['version']}") for tried in said["versions"]]
+    frames += [measures_of(tried["tasks"], driver=tried["reference"]) for tried in said["references"]]
+    return pd.concat(frames, ignore_index=True)
+
+
+def events(model: str, batch_id: str) -> Operation[pd.DataFrame]:
+    """What a batch holds, a row for each step."""
+    path = model_path(model, f"/batches/{quote(batch_id, safe='')}/events")
+    answer: Answer = yield Call("GET", path, {"format": "parquet"})
+    return pd.read_parquet(io.BytesIO(answer.body))
+
+
+def artifact(model: str, number: int, format_: str, to: Path) -> Operation[Path]:
+    """A version as a file."""
+    answer: Answer = yield Call("GET", model_path(model, f"/versions/{number}/artifact"), {"format": format_})
+    to.write_bytes(answer.body)
+    return to

@@ -1,0 +1,132 @@
+"""Operations driven over HTTP: by a client that waits, and by one that awaits."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import AsyncIterator, Iterator
+from pathlib import Path
+from typing import Any
+
+import httpx
+
+from .calls import Answer, Call, Operation, T
+from .patience import Patience
+from .problem import Problem, Unreachable
+
+CHUNK_BYTES = 1 << 18
+
+
+class Wire:
+    """What both ways of sending share: the address, the key, how patient to be."""
+
+    def __init__(self, url: str, key: str | None, patience: Patience, timeout_s: float) -> None:
+        self.url = url.rstrip("/")
+        self.headers = {"authorization": f"Bearer {key}"} if key else {}
+        self.patience = patience
+        self.timeout_s = timeout_s
+
+    def request(self, call: Call) -> dict[str, Any]:
+        """What httpx is told, but for the body."""
+        query = {name: value for name, value in call.query.items() if value is not None}
+        timeout = httpx.Timeout(self.timeout_s + call.wait_s, connect=min(10.0, self.timeout_s))
+        headers = {**self.headers, **call.headers}
+        return {
+            "method": call.method,
+            "url": self.url + call.path,
+            "params": query,
+            "headers": headers,
+            "timeout": timeout,
+        }
+
+    def read(self, call: Call, tries: int, response: httpx.Response) -> Answer | float:
+        """The answer, or after how long to ask again."""
+        if response.is_success:
+            return Answer(response.status_code, response.headers, response.content)
+        delay_s = self.patience.after_answer(call, tries, response.status_code, response.headers)
+        if delay_s is None:
+            raise Problem.read(response.status_code, response.content, self.url)
+        return delay_s
+
+    def silence(self, call: Call, tries: int, error: httpx.TransportError) -> float:
+        """After how long to ask again where no answer came."""
+        delay_s = self.patience.after_silence(call, tries)
+        if delay_s is None:
+            raise Unreachable(f"{self.url} did not answer {call.method} {call.path}: {error}") from error
+        return delay_s
+
+
+class Sync:
+    """Drives operations, and waits."""
+
+    def __init__(self, wire: Wire) -> None:
+        self.wire = wire
+        self.http = httpx.Client()
+
+    def run(self, operation: Operation[T]) -> T:
+        """What comes of the operation."""
+        try:
+            call = next(operation)
+            while True:
+                call = operation.send(self.answer(call))
+        except StopIteration as end:
+            result: T = end.value
+            return result
+
+    def answer(self, call: Call) -> Answer:
+        """The answer to one call, however often it had to be sent."""
+        tries = 0
+        while True:
+            tries += 1
+            try:
+                body = _pieces(call.body) if isinstance(call.body, Path) else call.body
+                answer = self.wire.read(call, tries, self.http.request(**self.wire.request(call), content=body))
+            except httpx.TransportError as error:
+                answer = self.wire.silence(call, tries, error)
+            if isinstance(answer, Answer):
+                return answer
+            time.sleep(answer)
+
+
+class Async:
+    """Drives operations, and awaits."""
+
+    def __init__(self, wire: Wire) -> None:
+        self.wire = wire
+        self.http = httpx.AsyncClient()
+
+    async def run(self, operation: Operation[T]) -> T:
+        """What comes of the operation."""
+        try:
+            call = next(operation)
+            while True:
+                call = operation.send(await self.answer(call))
+        except StopIteration as end:
+            result: T = end.value
+            return result
+
+    async def answer(self, call: Call) -> Answer:
+        """The answer to one call, however often it had to be sent."""
+        tries = 0
+        while True:
+            tries += 1
+            try:
+                body = _async_pieces(call.body) if isinstance(call.body, Path) else call.body
+                answer = self.wire.read(call, tries, await self.http.request(**self.wire.request(call), content=body))
+            except httpx.TransportError as error:
+                answer = self.wire.silence(call, tries, error)
+            if isinstance(answer, Answer):
+                return answer
+            await asyncio.sleep(answer)
+
+
+def _pieces(path: Path) -> Iterator[bytes]:
+    with path.open("rb") as file:
+        while piece := file.read(CHUNK_BYTES):
+            yield piece
+
+
+async def _async_pieces(path: Path) -> AsyncIterator[bytes]:
+    with path.open("rb") as file:
+        while piece := await asyncio.to_thread(file.read, CHUNK_BYTES):
+            yield piece

@@ -1,0 +1,64 @@
+"""The real server, with a database of its own."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from headway import Client
+
+ROOT = Path(__file__).resolve().parents[2]
+BINARY = Path(os.environ.get("HEADWAY_BINARY", ROOT / "target/debug/headway"))
+# Small and quick, and no limit met before what is looked for.
+SETTINGS = [
+    "model.hidden=6",
+    "model.horizon=5",
+    "model.epochs=1",
+    "model.minibatch=8",
+    "model.schedule=manual",
+    "model.promotion=auto",
+    "training.training_threads=1",
+    "access.rate_requests=0",
+    "access.rate_predictions=0",
+]
+
+
+@dataclass
+class Server:
+    """A running server."""
+
+    url: str
+    process: subprocess.Popen[str]
+
+    def stop(self) -> None:
+        """Ends it, as it ends by itself."""
+        self.process.send_signal(signal.SIGTERM)
+        assert self.process.wait() == 0
+
+
+def start(folder: Path) -> Server:
+    """A server on a free port, on the database in this folder."""
+    settings = [part for setting in SETTINGS for part in ("--set", setting)]
+    command = [str(BINARY), "--listen", "127.0.0.1:0", "--database", str(folder / "headway.db"), *settings]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+    assert process.stdout is not None
+    return Server(process.stdout.readline().removeprefix("listening on ").strip(), process)
+
+
+@pytest.fixture
+def server(tmp_path: Path) -> Iterator[Server]:
+    running = start(tmp_path)
+    yield running
+    running.stop()
+
+
+@pytest.fixture
+def client(server: Server) -> Iterator[Client]:
+    with Client(server.url) as client:
+        yield client

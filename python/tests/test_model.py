@@ -1,0 +1,121 @@
+"""A model from data frames to versions, and back."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from pathlib import Path
+
+import httpx
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pytest
+from traffic import events, frame, windows
+
+from headway import AsyncClient, Client, Problem, TaskFailed
+
+
+def test_two_regimes_are_learned_and_told(client: Client) -> None:
+    model = client.model()
+    batch = model.upload(frame("fast", 16.0), regime="fast")
+    assert (batch.accepted, batch.rejected_count) == (12, 0)
+    assert model.train().version == 1
+    model.upload(frame("slow", 6.0), regime="slow")
+    made = model.train(settings={"epochs": 2})
+    assert (made.version, made.regime, made.stage, made.promoted) == (2, "slow", 2, True)
+    assert [version.version for version in model.versions()] == [1, 2]
+    evaluation = model.evaluation(2)
+    assert evaluation["regime"].tolist() == ["fast", "slow"] and (evaluation["spacing_mse"] > 0).all()
+    forgetting = model.forgetting()
+    assert forgetting.index.to_numpy().tolist() == ["fast", "slow"]
+    assert forgetting.columns.to_numpy().tolist() == [1, 2]
+    ratios = forgetting.to_numpy()
+    assert ratios[0, 0] == ratios[1, 1] == 1 and ratios[0, 1] > 0 and np.isnan(ratios[1, 0])
+    moved = model.rollback(reason="tried")
+    assert (moved["live"], model.info().live) == (1, 1)
+    assert model.promote(2, reason="better")["live"] == 2
+
+
+def test_the_same_events_are_the_same_however_they_are_given(client: Client, tmp_path: Path) -> None:
+    model, rows = client.model(), frame("e", 12.0)
+    first = model.upload(rows)
+    rows.to_csv(tmp_path / "events.csv", index=False)
+    rows.to_csv(tmp_path / "events.csv.gz", index=False)
+    lines = "".join(json.dumps(event) + "\n" for event in events("e", 12.0))
+    (tmp_path / "events.ndjson").write_text(lines)
+    table = pa.Table.from_pandas(rows)
+    for given in [
+        events("e", 12.0),
+        table,
+        tmp_path / "events.csv",
+        str(tmp_path / "events.csv.gz"),
+        tmp_path / "events.ndjson",
+    ]:
+        again = model.upload(given)
+        assert (again.accepted, again.duplicates) == (0, 12), given
+    back = model.events(first.batch_id)
+    for column in ["spacing_m", "follower_speed_mps", "leader_speed_mps"]:
+        pd.testing.assert_series_equal(back[column], rows[column], check_dtype=False, rtol=1e-6)
+    assert back["event_id"].unique().tolist() == rows["event_id"].unique().tolist()
+    with pytest.raises(ValueError, match="ends in none of"):
+        model.upload(tmp_path / "events.txt")
+
+
+def test_predictions_are_those_of_the_interface_bit_for_bit(client: Client) -> None:
+    model = client.model()
+    model.upload(frame("fast", 16.0), regime="fast")
+    model.train()
+    asked = windows(33).astype(np.float32)
+    asked[::3, :, 3] = 0.5
+    predicted = model.predict(asked)
+    names = ["follower_speed_mps", "leader_speed_mps", "_", "spacing_m"]
+    plain = [{name: window[:, at].tolist() for at, name in enumerate(names) if name != "_"} for window in asked]
+    url = client._transport.wire.url
+    said = httpx.post(f"{url}/v1/models/default/predict", json={"windows": plain}).json()
+    for name, values in [("accel_mps2", predicted.accel_mps2), ("raw_accel_mps2", predicted.raw_accel_mps2)]:
+        assert values.tolist() == [float(np.float32(each[name])) for each in said["predictions"]]
+    limited = ["envelope" in each["flags"] for each in said["predictions"]]
+    assert predicted.limited.tolist() == limited and any(limited) and not all(limited)
+    assert predicted.version == 1 and "envelope" in predicted.flags
+    assert model.predict(plain, version=1).accel_mps2.tolist() == predicted.accel_mps2.tolist()
+    drive = model.simulate(asked[0], np.full(20, 10.0))
+    assert len(drive.spacing_m) == 20 and abs(drive.accel_mps2[0] - predicted.accel_mps2[0]) < 1e-6
+    with pytest.raises(ValueError, match="horizon"):
+        model.predict(asked[0])
+
+
+def test_versions_are_compared_and_exported(client: Client, tmp_path: Path) -> None:
+    model = client.create_model("other", method="mas", settings={"hidden": 4})
+    model.upload(frame("fast", 16.0), regime="fast")
+    model.train()
+    compared = model.evaluate(frame("new", 14.0), references=["idm", "constant"], regime="fast")
+    assert compared["driver"].tolist() == ["version 1", "idm", "constant"]
+    assert model.export(1, tmp_path / "v1.onnx", format="onnx").read_bytes()[:1] == b"\x08"
+    fork = client.create_model("fork", method="mas", from_=("other", 1))
+    assert fork.info().live == 1 and {info.model for info in client.models()} == {"default", "other", "fork"}
+
+
+def test_a_task_without_a_version_says_why(client: Client) -> None:
+    model = client.model()
+    only_for_tests = [{**event, "split": "test"} for event in events("t", 12.0)]
+    model.upload(only_for_tests, regime="fast")
+    with pytest.raises((TaskFailed, Problem)) as failed:
+        model.train()
+    assert failed.value.args[0]
+
+
+def test_what_is_awaited_is_the_same(client: Client) -> None:
+    model = client.model()
+    model.upload(frame("fast", 16.0), regime="fast")
+
+    async def awaited() -> tuple[int, list[float], pd.DataFrame]:
+        async with AsyncClient(client._transport.wire.url) as server:
+            other = server.model()
+            version = (await other.train()).version
+            predicted = (await other.predict(windows(3))).accel_mps2.tolist()
+            return version, predicted, await other.evaluation(version)
+
+    version, predicted, evaluation = asyncio.run(awaited())
+    assert version == 1 and predicted == model.predict(windows(3)).accel_mps2.tolist()
+    pd.testing.assert_frame_equal(evaluation, model.evaluation(1))
