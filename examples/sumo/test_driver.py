@@ -1,0 +1,97 @@
+"""Windows against SUMO itself, and what happens when no answer comes.
+
+Needs eclipse-sumo, libsumo and headway-client.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import libsumo
+import network
+import numpy as np
+import simulate
+from disturbances import wandering_leader
+from driver import Driver, Histories
+from headway import Unreachable
+
+HORIZON = 10
+
+
+class Stub:
+    """A model that answers with the same acceleration, or not at all."""
+
+    def __init__(self, accel_mps2: float | None) -> None:
+        self.accel_mps2 = accel_mps2
+        self.asked: list[np.ndarray[Any, Any]] = []
+
+    def info(self) -> Any:
+        return SimpleNamespace(settings={"horizon": HORIZON})
+
+    def predict(self, windows: np.ndarray[Any, Any], *, version: int | None) -> Any:
+        self.asked.append(windows)
+        if self.accel_mps2 is None:
+            raise Unreachable("too late")
+        accel = np.full(len(windows), self.accel_mps2, np.float32)
+        return SimpleNamespace(accel_mps2=accel, raw_accel_mps2=accel, limited=np.zeros(len(windows), bool))
+
+
+def test_windows_are_what_sumo_saw(tmp_path: Path) -> None:
+    road = network.platoon(tmp_path, "idm", vehicles=5, end_s=40.0)
+    histories, seen = Histories(HORIZON), []
+
+    class Watching:
+        def step(self, vehicle: Any) -> None:
+            names = list(vehicle.getIDList())
+            histories.add({name: vehicle.getSpeed(name) for name in names})
+            # Bumper to bumper, by positions alone.
+            at = {name: vehicle.getLanePosition(name) for name in names}
+            gaps = {
+                f"v{k}": at[f"v{k - 1}"] - network.VEHICLE_LENGTH_M - at[f"v{k}"] for k in range(1, 5) if len(at) == 5
+            }
+            seen.append(gaps)
+            for follower, gap_m in gaps.items():
+                found = vehicle.getLeader(follower, 100.0)
+                assert found[0] == f"v{int(follower[1:]) - 1}"
+                assert abs(found[1] + network.MIN_GAP_M - gap_m) < 1e-6, "SUMO's gap leaves out minGap"
+                if histories.is_long(follower) and len(seen) > HORIZON:
+                    (window,) = histories.windows([follower], [found[0]], [gap_m])
+                    past = [gaps[follower] for gaps in seen[-HORIZON:]]
+                    np.testing.assert_allclose(window[:, 3], past, atol=2e-3)
+                    assert window[-1, 0] == np.float32(vehicle.getSpeed(follower))
+
+    simulate.run(road, Watching(), wandering_leader(40.0, 15.0, 3))  # type: ignore[arg-type]
+    assert len(seen) == 400
+
+
+def test_who_goes_is_forgotten_and_who_comes_begins_anew() -> None:
+    histories = Histories(3)
+    for step in range(4):
+        histories.add({"a": step, "b": 10.0 + step})
+    assert histories.is_long("a") and histories.windows(["a"], ["b"], [5.0]).shape == (1, 3, 4)
+    histories.add({"b": 14.0, "c": 1.0})
+    assert "a" not in histories.rows and not histories.is_long("c") and histories.is_long("b")
+    for step in range(20):
+        histories.add({f"{step}-{number}": 1.0 for number in range(step)})
+    assert len(histories.speeds) < 64, "rows are used again"
+
+
+def test_without_an_answer_sumo_drives(tmp_path: Path) -> None:
+    road = network.ring(tmp_path, "headway", end_s=30.0)
+    driver = Driver(Stub(None), road.driven_edges, envelope=True)  # type: ignore[arg-type]
+    measures, _ = simulate.run(road, driver)
+    assert driver.counts.driven == 0 and driver.counts.fallback > 6000 and not measures.collisions
+    # Every vehicle is asked for from the moment that its past and its leader's fill a window.
+    assert driver.counts.fallback + driver.counts.free == 22 * 300
+
+
+def test_what_is_answered_is_driven(tmp_path: Path) -> None:
+    road = network.platoon(tmp_path, "headway", vehicles=3, end_s=12.0)
+    driver = Driver(Stub(0.0), road.driven_edges, envelope=True)  # type: ignore[arg-type]
+    measures, _ = simulate.run(road, driver)
+    speeds = {name: [speed for _, who, _, speed in measures.positions if who == name] for name in ["v0", "v1", "v2"]}
+    # Whoever follows keeps the speed at which it was taken over; the first, who follows nobody, goes on.
+    assert len(set(np.round(speeds["v1"][3:], 4))) == 1 and speeds["v0"][-1] > speeds["v1"][-1]
+    assert not libsumo.isLoaded()
