@@ -174,7 +174,13 @@ fn learning_that_is_interrupted_goes_on_with_the_next_command() {
     let file = written(folder.path(), "e.ndjson", &ndjson(&events("e", 12, 16.0)));
     place.run(&["import", &file, "--regime", "fast"]).done();
     let mut command = Command::new(env!("CARGO_BIN_EXE_headway"));
-    command.envs(VARIABLES).env("HEADWAY_SERVER__PROGRESS_INTERVAL_S", "0.05").args(["train", "--set", "epochs=1000", "--database", &database]);
+    command.envs(VARIABLES).env("HEADWAY_SERVER__PROGRESS_INTERVAL_S", "0.05").args([
+        "train",
+        "--set",
+        "epochs=1000",
+        "--database",
+        &database,
+    ]);
     let mut child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
     let mut said = BufReader::new(child.stderr.take().unwrap());
     let mut line = String::new();
