@@ -175,19 +175,23 @@ fn defaults() -> Table {
 }
 
 impl Config {
-    /// The defaults overlaid with `layers`, the last winning.
+    /// The defaults overlaid with `layers`, the last winning. Settings that only go together may come one by one.
     ///
     /// # Errors
-    /// Names the first setting that is unknown or unusable, and where it came from.
+    /// Names the first setting that is unknown, or that made the whole unusable for good, and where it came from.
     pub fn resolve(layers: impl IntoIterator<Item = Layer>) -> Result<Self, ConfigError> {
         let mut merged = defaults();
         let mut config = Self::from_table(&merged, "default.toml")?;
+        let mut unusable = None;
         for Layer { origin, table } in layers {
             refuse_unusable(&table, &known(), "", &origin)?;
             merge(&mut merged, table);
-            config = Self::from_table(&merged, &origin)?;
+            match Self::from_table(&merged, &origin) {
+                Ok(usable) => (config, unusable) = (usable, None),
+                Err(error) => _ = unusable.get_or_insert(error),
+            }
         }
-        Ok(config)
+        unusable.map_or(Ok(config), Err)
     }
 
     fn from_table(table: &Table, origin: &str) -> Result<Self, ConfigError> {
@@ -317,6 +321,17 @@ mod tests {
         assert_eq!(config.database.path, Path::new("/data/h.db"));
         assert_eq!((config.model.hidden, config.model.epochs), (8, 5));
         assert!(!config.model.schedule.is_due(u64::MAX, 1e9));
+    }
+
+    #[test]
+    fn settings_that_go_together_come_in_any_order() {
+        let window = || Layer::one("--a", "model.memory", "window");
+        let raw = || Layer::one("--b", "model.features", "raw");
+        let resolved = Config::resolve([window(), raw()]).unwrap();
+        assert_eq!(resolved, Config::resolve([raw(), window()]).unwrap());
+        // What stays unusable is told by what made it so.
+        let other = Layer::one("--c", "server.page_size", "7");
+        assert!(Config::resolve([window(), other]).unwrap_err().to_string().starts_with("--a: model."));
     }
 
     #[test]

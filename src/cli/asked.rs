@@ -8,6 +8,16 @@ use serde_json::Value;
 use super::place::Place;
 use crate::lineage::ModelName;
 
+/// A database or a server as a whole.
+#[derive(Debug, Args)]
+pub(super) struct Somewhere {
+    #[command(flatten)]
+    pub(super) place: Place,
+    /// Print JSON, as the interface answers it
+    #[arg(long)]
+    pub(super) json: bool,
+}
+
 /// A model somewhere.
 #[derive(Debug, Args)]
 pub(super) struct Asked {

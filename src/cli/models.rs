@@ -3,9 +3,8 @@
 use clap::{Args, Subcommand};
 use serde_json::{Map, Value, json};
 
-use super::asked::{block_on, print};
+use super::asked::{Somewhere, block_on, print};
 use super::member::text;
-use super::place::Place;
 use super::service::Opened;
 use super::table::{table, time};
 use super::train::setting;
@@ -21,18 +20,9 @@ pub(super) struct ModelsArguments {
 #[derive(Debug, Subcommand)]
 enum Command {
     /// Every model, what serves and what is learned on from.
-    List(Where),
+    List(Somewhere),
     /// A new model that has learned nothing.
     Create(CreateArguments),
-}
-
-#[derive(Debug, Args)]
-struct Where {
-    #[command(flatten)]
-    place: Place,
-    /// Print JSON, as the interface answers it
-    #[arg(long)]
-    json: bool,
 }
 
 #[derive(Debug, Args)]
@@ -47,7 +37,7 @@ struct CreateArguments {
     #[arg(long = "set", value_name = "KEY=VALUE", value_parser = setting)]
     settings: Vec<(String, Value)>,
     #[command(flatten)]
-    of: Where,
+    of: Somewhere,
 }
 
 /// Lists models, or makes one.
@@ -58,7 +48,7 @@ pub(super) fn run(arguments: &ModelsArguments) -> anyhow::Result<()> {
     }
 }
 
-fn list(of: &Where) -> anyhow::Result<()> {
+fn list(of: &Somewhere) -> anyhow::Result<()> {
     let models = block_on(async {
         let service = of.place.service(Opened::Known).await?;
         let models = service.list("/v1/models", "models").await;

@@ -12,9 +12,8 @@ use clap::{Args, Subcommand};
 use jiff::{SpanRelativeTo, Timestamp};
 use serde_json::Value;
 
-use super::asked::{block_on, print};
+use super::asked::{Somewhere, block_on, print};
 use super::member::text;
-use super::place::Place;
 use super::table::{table, time};
 use crate::access::{KeyWish, Scope};
 use crate::lineage::ModelName;
@@ -33,19 +32,9 @@ enum Command {
     /// Make a key, and print it for the only time.
     Create(CreateArguments),
     /// List keys, without their secret parts.
-    List(Whose),
+    List(Somewhere),
     /// End a key at once.
     Revoke(RevokeArguments),
-}
-
-/// Whose keys.
-#[derive(Debug, Args)]
-struct Whose {
-    #[command(flatten)]
-    place: Place,
-    /// Print JSON on stdout, as the server answers it
-    #[arg(long)]
-    json: bool,
 }
 
 #[derive(Debug, Args)]
@@ -63,7 +52,7 @@ struct CreateArguments {
     #[arg(long, value_name = "TEXT")]
     name: Option<String>,
     #[command(flatten)]
-    whose: Whose,
+    whose: Somewhere,
 }
 
 #[derive(Debug, Args)]
@@ -75,7 +64,7 @@ struct RevokeArguments {
     #[arg(long)]
     force: bool,
     #[command(flatten)]
-    whose: Whose,
+    whose: Somewhere,
 }
 
 /// A time as a person says it: in RFC 3339, or as a span from now with days of 24 hours.
@@ -95,7 +84,7 @@ enum Keys {
 }
 
 impl Keys {
-    async fn of(whose: &Whose, create: bool) -> anyhow::Result<Self> {
+    async fn of(whose: &Somewhere, create: bool) -> anyhow::Result<Self> {
         match whose.place.server()? {
             Some(service) => Ok(Self::Server(Server(service))),
             None => Database::open(whose.place.database(), create).await.map(Self::Database),
