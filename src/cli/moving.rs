@@ -10,7 +10,7 @@ use super::service::Opened;
 /// What `headway promote` can be told.
 #[derive(Debug, Args)]
 pub(super) struct PromoteArguments {
-    /// The version that is to serve, and to be learned on from
+    /// The version that is to serve
     #[arg(value_name = "VERSION")]
     version: u64,
     #[command(flatten)]
