@@ -2,55 +2,20 @@
 
 from __future__ import annotations
 
-import http.server
+import pickle
 import socket
-import threading
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from typing import Any
+from email.utils import formatdate
 
 import httpx
 import pytest
+from between import SOON, Handler, between, cut, headers_of, say
 from conftest import Server
 from traffic import events, frame, windows
 
-from headway import Client, Patience, Problem, Unreachable
+from headway import Client, Patience, Problem, TaskFailed, Unreachable
+from headway.calls import Call
 
-SOON = Patience(retries=2, first_s=0.01)
-Handler = http.server.BaseHTTPRequestHandler
-
-
-@contextmanager
-def between(answer: Callable[[Handler, int, bytes], None]) -> Iterator[str]:
-    """A server that answers as it is told; it counts its requests from 1."""
-    count = 0
-
-    class Between(Handler):
-        protocol_version = "HTTP/1.1"
-
-        def answer(self) -> None:
-            nonlocal count
-            count += 1
-            body = self.rfile.read(int(self.headers.get("content-length", 0)))
-            answer(self, count, body)
-
-        do_GET = do_POST = answer
-
-        def log_message(self, *_: Any) -> None:
-            pass
-
-    listening = http.server.ThreadingHTTPServer(("127.0.0.1", 0), Between)
-    threading.Thread(target=listening.serve_forever, daemon=True).start()
-    yield f"http://127.0.0.1:{listening.server_address[1]}"
-    listening.shutdown()
-
-
-def say(handler: Handler, status: int, body: bytes, **headers: str) -> None:
-    handler.send_response(status)
-    for name, value in {**headers, "content-length": str(len(body))}.items():
-        handler.send_header(name.replace("_", "-"), value)
-    handler.end_headers()
-    handler.wfile.write(body)
+CALL = Call("GET", "/v1/models")
 
 
 def test_a_problem_carries_what_the_server_said(client: Client) -> None:
@@ -121,12 +86,11 @@ def test_an_answer_that_was_lost_is_asked_for_again_and_done_once(server: Server
 
     def loses(handler: Handler, count: int, body: bytes) -> None:
         # The server does it, and the first answer is cut off.
-        sent = {name: value for name, value in handler.headers.items() if name.lower() not in ("host", "connection")}
+        sent = headers_of(handler)
         keys.append(sent.get("idempotency-key"))
         answer = httpx.request(handler.command, server.url + handler.path, content=body, headers=sent)
         if count == 1:
-            handler.connection.shutdown(socket.SHUT_RDWR)
-            handler.close_connection = True
+            cut(handler)
         else:
             say(handler, answer.status_code, answer.content)
 
@@ -142,10 +106,65 @@ def test_what_has_no_key_is_not_sent_twice(server: Server) -> None:
 
     def cuts(handler: Handler, count: int, _: bytes) -> None:
         asked.append(count)
-        handler.connection.shutdown(socket.SHUT_RDWR)
-        handler.close_connection = True
+        cut(handler)
 
     window = {"follower_speed_mps": [9.0] * 5, "leader_speed_mps": [9.0] * 5, "spacing_m": [20.0] * 5}
     with between(cuts) as url, pytest.raises(Unreachable):
         Client(url, patience=SOON).model().simulate(window, [9.0])
     assert asked == [1]
+
+
+def test_who_asks_again_while_the_first_is_being_answered_gets_its_answer(server: Server) -> None:
+    # The first request reaches the server but for its body, and the client's connection breaks; the second finds the
+    # first still being answered, which then gets its body; the third gets the first one's answer.
+    seen: list[int] = []
+    rest: list[bytes] = []
+    first = socket.create_connection(("127.0.0.1", int(server.url.rsplit(":", 1)[1])))
+
+    def overtakes(handler: Handler, count: int, body: bytes) -> None:
+        headers = headers_of(handler)
+        if count == 1:
+            head = {"host": "headway", "connection": "close", "expect": "100-continue", **headers}
+            lines = "".join(f"{name}: {value}\r\n" for name, value in head.items())
+            first.sendall(f"POST {handler.path} HTTP/1.1\r\n{lines}\r\n".encode())
+            # The server asks for a body once it has noted the key.
+            assert first.recv(65536).startswith(b"HTTP/1.1 100")
+            rest.append(body)
+            cut(handler)
+            return
+        answer = httpx.post(server.url + handler.path, content=body, headers=headers)
+        seen.append(answer.status_code)
+        if answer.status_code == 409:
+            first.sendall(rest.pop())
+            while first.recv(65536):
+                pass
+        say(handler, answer.status_code, answer.content, retry_after="0")
+
+    with first, between(overtakes) as url:
+        batch = Client(url, patience=SOON).model().upload(frame("e", 12.0))
+    assert seen == [409, 201] and (batch.accepted, batch.duplicates) == (12, 0)
+    assert len(httpx.get(f"{server.url}/v1/models/default/batches").json()["batches"]) == 1
+
+
+def test_a_longer_wait_than_patience_has_is_left_to_the_caller() -> None:
+    asked = []
+
+    def later(handler: Handler, count: int, _: bytes) -> None:
+        asked.append(count)
+        say(handler, 503, b"{}", retry_after="3600")
+
+    with between(later) as url, pytest.raises(Problem) as busy:
+        Client(url, patience=SOON).models()
+    assert asked == [1] and busy.value.retry_after_s == 3600
+    dated = {"retry-after": formatdate(0, usegmt=True)}
+    assert Patience().after_answer(CALL, 1, 503, dated) == 0
+    assert 0.1 <= (Patience().after_answer(CALL, 1, 503, {"retry-after": "soon"}) or 0) <= 0.2
+
+
+def test_errors_go_from_one_process_to_another() -> None:
+    problem = Problem(404, {"code": "model_not_found", "type": "/problems/model_not_found"}, "http://there", 3.0)
+    for error in [problem, TaskFailed({"task_id": "t1", "state": "cancelled"}), Unreachable("nobody")]:
+        again = pickle.loads(pickle.dumps(error))
+        assert type(again) is type(error) and str(again) == str(error)
+    again = pickle.loads(pickle.dumps(problem))
+    assert (again.remedy_url, again.retry_after_s) == (problem.remedy_url, 3.0)

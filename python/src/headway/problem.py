@@ -24,11 +24,15 @@ class TaskFailed(HeadwayError):
         super().__init__(f"task {task.get('task_id')} has {task.get('state')}{why}")
         self.task = task
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (self.task,)
+
 
 class Problem(HeadwayError):
     """A refusal, as the server described it (RFC 9457)."""
 
-    def __init__(self, status: int, body: dict[str, Any], url: str = "") -> None:
+    def __init__(self, status: int, body: dict[str, Any], url: str = "", retry_after_s: float | None = None) -> None:
+        self._url = url
         self.status = status
         """The status of the answer."""
         self.body = body
@@ -39,6 +43,8 @@ class Problem(HeadwayError):
         self.detail = str(body.get("detail", ""))
         self.errors: list[dict[str, Any]] = list(body.get("errors") or body.get("rejected") or [])
         """Each place in the request that was wrong: `pointer`, `line`, `row` or `parameter`; `code`; `detail`."""
+        self.retry_after_s = retry_after_s
+        """After how long the server asked for another try, where it did."""
         self.request_id = str(body.get("request_id", ""))
         """What the server's log calls the request."""
         self.remedy_url = url + str(body.get("type", "")) if body.get("type") else ""
@@ -47,15 +53,18 @@ class Problem(HeadwayError):
         told = f"{self.title or 'refused'}: {self.detail}"
         super().__init__(f"{status} {self.code}: {told}" + (f" ({first})" if first else ""))
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (self.status, self.body, self._url, self.retry_after_s)
+
     @classmethod
-    def read(cls, status: int, body: bytes, url: str) -> Problem:
+    def read(cls, status: int, body: bytes, url: str, retry_after_s: float | None = None) -> Problem:
         """A problem, an error of the inference protocol, or whatever else stands between: a proxy's page."""
         try:
             said = json.loads(body)
         except ValueError:
             said = None
         if not isinstance(said, dict):
-            return cls(status, {"detail": body[:200].decode("utf-8", "replace")}, url)
+            return cls(status, {"detail": body[:200].decode("utf-8", "replace")}, url, retry_after_s)
         if "error" in said and "code" not in said:
             # The inference protocol has a text alone; ours ends with `(code, request id)`.
             ending = re.search(r"^(.*) \((\w+), request (\S+)\)$", str(said["error"]), re.DOTALL)
@@ -63,4 +72,4 @@ class Problem(HeadwayError):
             said = {"detail": detail, "code": code, "request_id": request_id}
             if code:
                 said["type"] = f"/problems/{code}"
-        return cls(status, said, url)
+        return cls(status, said, url, retry_after_s)

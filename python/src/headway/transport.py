@@ -11,7 +11,7 @@ from typing import Any
 import httpx
 
 from .calls import Answer, Call, Operation, T
-from .patience import Patience
+from .patience import Patience, retry_after_s
 from .problem import Problem, Unreachable
 
 CHUNK_BYTES = 1 << 18
@@ -43,9 +43,10 @@ class Wire:
         """The answer, or after how long to ask again."""
         if response.is_success:
             return Answer(response.status_code, response.headers, response.content)
-        delay_s = self.patience.after_answer(call, tries, response.status_code, response.headers)
+        status, headers, body = response.status_code, response.headers, response.content
+        delay_s = self.patience.after_answer(call, tries, status, headers, body)
         if delay_s is None:
-            raise Problem.read(response.status_code, response.content, self.url)
+            raise Problem.read(status, body, self.url, retry_after_s(headers))
         return delay_s
 
     def silence(self, call: Call, tries: int, error: httpx.TransportError) -> float:
