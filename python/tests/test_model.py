@@ -47,6 +47,7 @@ def test_the_same_events_are_the_same_however_they_are_given(client: Client, tmp
     table = pa.Table.from_pandas(rows)
     for given in [
         events("e", 12.0),
+        [{name: np.asarray(v) if isinstance(v, list) else v for name, v in e.items()} for e in events("e", 12.0)],
         table,
         tmp_path / "events.csv",
         str(tmp_path / "events.csv.gz"),
@@ -80,6 +81,8 @@ def test_predictions_are_those_of_the_interface_bit_for_bit(client: Client) -> N
     assert predicted.version == 1 and "envelope" in predicted.flags
     assert model.predict(plain, version=1).accel_mps2.tolist() == predicted.accel_mps2.tolist()
     drive = model.simulate(asked[0], np.full(20, 10.0))
+    told = {name: asked[0, :, at] for at, name in enumerate(names) if name != "_"}
+    assert model.simulate(told, [10.0] * 20).spacing_m.tolist() == drive.spacing_m.tolist()
     assert len(drive.spacing_m) == 20 and abs(drive.accel_mps2[0] - predicted.accel_mps2[0]) < 1e-6
     with pytest.raises(ValueError, match="horizon"):
         model.predict(asked[0])

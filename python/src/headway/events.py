@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +10,8 @@ from typing import Any, TypeAlias
 import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
+
+from .calls import json_of
 
 Events: TypeAlias = pd.DataFrame | pa.Table | Sequence[Mapping[str, Any]] | str | Path
 """A frame or table with a row for each step (`event_id`, `spacing_m`, `follower_speed_mps`, `leader_speed_mps`, and `t`
@@ -47,8 +48,8 @@ def body_of(events: Events) -> Body:
         sink = pa.BufferOutputStream()
         pq.write_table(events, sink, compression="zstd")
         return Body(sink.getvalue().to_pybytes(), {"content-type": MEDIA_TYPES[".parquet"]})
-    lines = "".join(json.dumps(event, allow_nan=False) + "\n" for event in events)
-    return Body(lines.encode(), {"content-type": MEDIA_TYPES[".ndjson"]})
+    lines = b"".join(json_of(event) + b"\n" for event in events)
+    return Body(lines, {"content-type": MEDIA_TYPES[".ndjson"]})
 
 
 def _file(path: Path) -> Body:

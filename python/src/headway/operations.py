@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import json
 import uuid
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -14,7 +13,7 @@ import numpy as np
 import pandas as pd
 
 from .answers import Batch, ModelInfo, Simulation, Version, measures_of
-from .calls import Answer, Call, Operation
+from .calls import Answer, Call, Operation, json_of
 from .events import Events, body_of
 from .problem import TaskFailed
 from .windows import Predictions, Windows, array_of, predictions_of, request_of
@@ -42,8 +41,7 @@ def post(path: str, body: Mapping[str, Any], *, creates: bool = False) -> Operat
     headers = {"content-type": "application/json"}
     if creates:
         headers["idempotency-key"] = str(uuid.uuid4())
-    content = json.dumps(body, allow_nan=False).encode()
-    answer: Answer = yield Call("POST", path, body=content, headers=headers, repeatable=creates)
+    answer: Answer = yield Call("POST", path, body=json_of(body), headers=headers, repeatable=creates)
     return answer.json()
 
 
