@@ -62,3 +62,8 @@ def server(tmp_path: Path) -> Iterator[Server]:
 def client(server: Server) -> Iterator[Client]:
     with Client(server.url) as client:
         yield client
+
+
+def url_of(client: Client) -> str:
+    """The address of a client's server."""
+    return client._transport.wire.url

@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pytest
+from conftest import url_of
 from traffic import events, frame, windows
 
 from headway import AsyncClient, Client, Problem, TaskFailed
@@ -72,8 +73,7 @@ def test_predictions_are_those_of_the_interface_bit_for_bit(client: Client) -> N
     predicted = model.predict(asked)
     names = ["follower_speed_mps", "leader_speed_mps", "_", "spacing_m"]
     plain = [{name: window[:, at].tolist() for at, name in enumerate(names) if name != "_"} for window in asked]
-    url = client._transport.wire.url
-    said = httpx.post(f"{url}/v1/models/default/predict", json={"windows": plain}).json()
+    said = httpx.post(f"{url_of(client)}/v1/models/default/predict", json={"windows": plain}).json()
     for name, values in [("accel_mps2", predicted.accel_mps2), ("raw_accel_mps2", predicted.raw_accel_mps2)]:
         assert values.tolist() == [float(np.float32(each[name])) for each in said["predictions"]]
     limited = ["envelope" in each["flags"] for each in said["predictions"]]
@@ -113,7 +113,7 @@ def test_what_is_awaited_is_the_same(client: Client) -> None:
     model.upload(frame("fast", 16.0), regime="fast")
 
     async def awaited() -> tuple[int, list[float], pd.DataFrame]:
-        async with AsyncClient(client._transport.wire.url) as server:
+        async with AsyncClient(url_of(client)) as server:
             other = server.model()
             version = (await other.train()).version
             predicted = (await other.predict(windows(3))).accel_mps2.tolist()

@@ -13,6 +13,7 @@ from .async_client import AsyncClient, AsyncModel
 from .client import Client, Model
 from .patience import Patience
 from .problem import HeadwayError, Problem, TaskFailed, Unreachable
+from .progress import Progress
 from .windows import Predictions
 
 __all__ = [
@@ -26,6 +27,7 @@ __all__ = [
     "Patience",
     "Predictions",
     "Problem",
+    "Progress",
     "Simulation",
     "TaskFailed",
     "Unreachable",

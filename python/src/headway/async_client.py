@@ -16,7 +16,7 @@ from .answers import Batch, ModelInfo, Simulation, Version
 from .calls import Operation, T
 from .events import Events
 from .patience import Patience
-from .progress import Bar
+from .progress import Bars, Follow
 from .transport import Async, Wire
 from .windows import Predictions, Windows
 
@@ -90,11 +90,13 @@ class AsyncModel:
         source: str | None = None,
         preset: str | None = None,
         dt_s: float | None = None,
+        progress: bool = True,
         **options: Any,
     ) -> Batch:
         """Uploads events. `options` are the others that the interface knows, such as `spacing` or `min_duration_s`."""
         given = {"regime": regime, "source": source, "preset": preset, "dt_s": dt_s, **options}
-        return await self._run(operations.upload(self.name, events, given))
+        with Bars(progress) as bars:
+            return await self._run(operations.upload(self.name, events, given, bars.of_bytes))
 
     async def train(
         self,
@@ -102,11 +104,14 @@ class AsyncModel:
         batches: list[str] | None = None,
         regime: str | None = None,
         settings: Mapping[str, Any] | None = None,
-        progress: bool = True,
+        progress: Follow = True,
     ) -> Version:
-        """Learns what is pending, or these batches, and gives the last version that came of it."""
-        with Bar(progress) as bar:
-            return (await self._run(operations.train(self.name, batches, regime, settings or {}, bar.told)))[-1]
+        """Learns what is pending, or these batches, and gives the last version that came of it.
+
+        `progress` is whether a bar is shown on a terminal, or a function that is told of each `Progress`.
+        """
+        with Bars(progress) as bars:
+            return (await self._run(operations.train(self.name, batches, regime, settings or {}, bars.of_task)))[-1]
 
     async def predict(self, windows: Windows, *, version: int | None = None) -> Predictions:
         """The next acceleration of each window, by what serves or by this version."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Generator, Mapping
+from collections.abc import Callable, Generator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
@@ -37,6 +37,13 @@ class Call:
     """Whether sending it twice does no more than sending it once."""
     wait_s: float = 0.0
     """How long the server was asked to wait before it answers."""
+    sent: Callable[[int, int], None] | None = None
+    """Is told how many bytes of the body's are on their way."""
+    heard: Callable[[str], None] | None = None
+    """Is told every line of the answer as it comes.
+
+    Such a call is sent once, and has ended when it breaks off or is refused: what it was about is asked afterwards.
+    """
 
 
 @dataclass(frozen=True)

@@ -16,13 +16,11 @@ from .answers import Batch, ModelInfo, Simulation, Version, measures_of
 from .calls import Answer, Call, Operation, json_of
 from .events import Events, body_of
 from .problem import TaskFailed
+from .progress import Listener, Progress
 from .windows import Predictions, Windows, array_of, predictions_of, request_of
 
-POLL_S = 1.0
-"""How long a server is asked to wait for a task before it tells how far it is."""
-
-Told = Callable[[float, str], None]
-"""Is told how far a task is, from 0 to 1, and of what regime."""
+POLL_S = 10.0
+"""How long a server is asked to wait for a task that nobody watches."""
 
 
 def model_path(model: str, rest: str = "") -> str:
@@ -72,16 +70,22 @@ def create_model(
     return ModelInfo.read((yield from post("/v1/models", body, creates=True)))
 
 
-def upload(model: str, events: Events, options: Mapping[str, Any]) -> Operation[Batch]:
+def upload(
+    model: str, events: Events, options: Mapping[str, Any], sent: Callable[[int, int], None] | None = None
+) -> Operation[Batch]:
     """Uploads events."""
     body = body_of(events)
     headers = {**body.headers, "idempotency-key": str(uuid.uuid4())}
-    answer: Answer = yield Call("POST", model_path(model, "/batches"), options, body.content, headers)
+    answer: Answer = yield Call("POST", model_path(model, "/batches"), options, body.content, headers, sent=sent)
     return Batch.read(answer.json())
 
 
 def train(
-    model: str, batches: list[str] | None, regime: str | None, settings: Mapping[str, Any], told: Told
+    model: str,
+    batches: list[str] | None,
+    regime: str | None,
+    settings: Mapping[str, Any],
+    told: Callable[[Progress], None] | None,
 ) -> Operation[list[Version]]:
     """Learns, waits, and gives the versions that came of it."""
     wish: dict[str, Any] = {"batches": batches if batches is not None else "pending"}
@@ -97,17 +101,23 @@ def train(
     return made
 
 
-def ended(model: str, task_id: str, told: Told) -> Operation[dict[str, Any]]:
-    """A task once it has a version."""
+def ended(model: str, task_id: str, told: Callable[[Progress], None] | None) -> Operation[dict[str, Any]]:
+    """A task once it has a version. Where somebody is told, the server's stream of events tells them."""
     path = model_path(model, f"/tasks/{quote(task_id, safe='')}")
-    while True:
-        answer: Answer = yield Call("GET", path, {"wait_s": POLL_S}, wait_s=POLL_S)
-        task: dict[str, Any] = answer.json()
-        told(1.0 if task["state"] == "succeeded" else task["progress"] or 0.0, task["regime"])
-        if task["state"] == "succeeded":
-            return task
-        if task["state"] not in ("queued", "running"):
-            raise TaskFailed(task)
+    task: dict[str, Any] = yield from get(path)
+    listener = Listener(told, task) if told else None
+    while task["state"] in ("queued", "running"):
+        if listener:
+            yield Call("GET", path + "/progress", heard=listener.line)
+        # A stream may break off, and a server has only so many: a second's wait keeps from opening one after another.
+        wait_s = 1.0 if listener else POLL_S
+        answer: Answer = yield Call("GET", path, {"wait_s": wait_s}, wait_s=wait_s)
+        task = answer.json()
+        if listener:
+            listener.task(task)
+    if task["state"] != "succeeded":
+        raise TaskFailed(task)
+    return task
 
 
 def version(model: str, number: int) -> Operation[Version]:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import asyncio
+import io
 import time
-from collections.abc import AsyncIterator, Iterator
+from collections.abc import AsyncIterator, Callable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import httpx
 
@@ -15,6 +17,11 @@ from .patience import Patience, retry_after_s
 from .problem import Problem, Unreachable
 
 CHUNK_BYTES = 1 << 18
+QUIET_S = 60.0
+"""A stream of events of which nothing comes for so long has ended; a server says something every 15 s."""
+
+
+ENDED = Answer(200, {}, b"")
 
 
 class Wire:
@@ -38,6 +45,10 @@ class Wire:
             "headers": headers,
             "timeout": timeout,
         }
+
+    def stream(self, call: Call) -> dict[str, Any]:
+        """As `request`, of an answer that comes line by line."""
+        return {**self.request(call), "timeout": httpx.Timeout(QUIET_S, connect=min(10.0, self.timeout_s))}
 
     def read(self, call: Call, tries: int, response: httpx.Response) -> Answer | float:
         """The answer, or after how long to ask again."""
@@ -80,13 +91,22 @@ class Sync:
         while True:
             tries += 1
             try:
-                body = _pieces(call.body) if isinstance(call.body, Path) else call.body
+                if call.heard is not None:
+                    return self._listen(call, call.heard)
+                body = _body(call)
                 answer = self.wire.read(call, tries, self.http.request(**self.wire.request(call), content=body))
             except httpx.TransportError as error:
                 answer = self.wire.silence(call, tries, error)
             if isinstance(answer, Answer):
                 return answer
             time.sleep(answer)
+
+    def _listen(self, call: Call, heard: Callable[[str], None]) -> Answer:
+        with suppress(httpx.TransportError), self.http.stream(**self.wire.stream(call)) as response:
+            if response.is_success:
+                for line in response.iter_lines():
+                    heard(line)
+        return ENDED
 
 
 class Async:
@@ -112,7 +132,9 @@ class Async:
         while True:
             tries += 1
             try:
-                body = _async_pieces(call.body) if isinstance(call.body, Path) else call.body
+                if call.heard is not None:
+                    return await self._listen(call, call.heard)
+                body = _async_body(call)
                 answer = self.wire.read(call, tries, await self.http.request(**self.wire.request(call), content=body))
             except httpx.TransportError as error:
                 answer = self.wire.silence(call, tries, error)
@@ -120,14 +142,46 @@ class Async:
                 return answer
             await asyncio.sleep(answer)
 
+    async def _listen(self, call: Call, heard: Callable[[str], None]) -> Answer:
+        with suppress(httpx.TransportError):
+            async with self.http.stream(**self.wire.stream(call)) as response:
+                if response.is_success:
+                    async for line in response.aiter_lines():
+                        heard(line)
+        return ENDED
 
-def _pieces(path: Path) -> Iterator[bytes]:
-    with path.open("rb") as file:
+
+def _body(call: Call) -> bytes | Iterator[bytes] | None:
+    if isinstance(call.body, Path) or (call.sent and call.body):
+        return _pieces(call)
+    return call.body
+
+
+def _async_body(call: Call) -> bytes | AsyncIterator[bytes] | None:
+    body = _body(call)
+    return _awaited(body) if isinstance(body, Iterator) else body
+
+
+def _pieces(call: Call) -> Iterator[bytes]:
+    """The body, told on the way."""
+    done = 0
+    with _opened(call.body) as (file, total):
         while piece := file.read(CHUNK_BYTES):
             yield piece
+            done += len(piece)
+            if call.sent is not None:
+                call.sent(done, total)
 
 
-async def _async_pieces(path: Path) -> AsyncIterator[bytes]:
-    with path.open("rb") as file:
-        while piece := await asyncio.to_thread(file.read, CHUNK_BYTES):
-            yield piece
+async def _awaited(pieces: Iterator[bytes]) -> AsyncIterator[bytes]:
+    while (piece := await asyncio.to_thread(next, pieces, None)) is not None:
+        yield piece
+
+
+@contextmanager
+def _opened(body: bytes | Path | None) -> Iterator[tuple[BinaryIO, int]]:
+    if isinstance(body, Path):
+        with body.open("rb") as file:
+            yield file, body.stat().st_size
+    else:
+        yield io.BytesIO(body or b""), len(body or b"")
