@@ -27,6 +27,11 @@ def between(answer: Callable[[Handler, int, bytes], None]) -> Iterator[str]:
             nonlocal count
             count += 1
             body = self.rfile.read(int(self.headers.get("content-length", 0)))
+            if self.headers.get("transfer-encoding") == "chunked":
+                while size := int(self.rfile.readline(), 16):
+                    body += self.rfile.read(size)
+                    self.rfile.readline()
+                self.rfile.readline()
             answer(self, count, body)
 
         do_GET = do_POST = answer

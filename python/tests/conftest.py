@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -42,20 +43,31 @@ class Server:
         assert self.process.wait() == 0
 
 
-def start(folder: Path) -> Server:
+def start(folder: Path, *others: str) -> Server:
     """A server on a free port, on the database in this folder."""
-    settings = [part for setting in SETTINGS for part in ("--set", setting)]
+    settings = [part for setting in [*SETTINGS, *others] for part in ("--set", setting)]
     command = [str(BINARY), "--listen", "127.0.0.1:0", "--database", str(folder / "headway.db"), *settings]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
     assert process.stdout is not None
-    return Server(process.stdout.readline().removeprefix("listening on ").strip(), process)
+    told = process.stdout.readline()
+    assert told.startswith("listening on "), f"{command} did not start"
+    return Server(told.removeprefix("listening on ").strip(), process)
+
+
+@contextmanager
+def running(folder: Path, *others: str) -> Iterator[Server]:
+    """A server, for as long as it is needed."""
+    server = start(folder, *others)
+    try:
+        yield server
+    finally:
+        server.stop()
 
 
 @pytest.fixture
 def server(tmp_path: Path) -> Iterator[Server]:
-    running = start(tmp_path)
-    yield running
-    running.stop()
+    with running(tmp_path) as server:
+        yield server
 
 
 @pytest.fixture

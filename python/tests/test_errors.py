@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import pickle
 import socket
+from collections.abc import Callable, Iterator
 from email.utils import formatdate
+from pathlib import Path
 
 import httpx
+import numpy as np
 import pytest
 from between import SOON, Handler, between, cut, headers_of, say
-from conftest import Server
+from conftest import Server, running
 from traffic import events, frame, windows
 
 from headway import Client, Patience, Problem, TaskFailed, Unreachable
@@ -47,6 +50,11 @@ def test_keys_open_what_they_are_for(server: Server) -> None:
         Client(server.url, key=narrow).model().upload(frame("e", 12.0))
     assert lacking.value.code == "insufficient_scope"
     assert Client(server.url, key=made).model().upload(frame("e", 12.0)).accepted == 12
+
+
+def test_what_is_no_address_is_said_at_once() -> None:
+    with pytest.raises(ValueError, match="neither http:// nor https://"):
+        Client("127.0.0.1:8080")
 
 
 def test_who_does_not_answer_is_unreachable() -> None:
@@ -101,16 +109,15 @@ def test_an_answer_that_was_lost_is_asked_for_again_and_done_once(server: Server
     assert len(httpx.get(f"{server.url}/v1/models/default/batches").json()["batches"]) == 1
 
 
-def test_what_has_no_key_is_not_sent_twice(server: Server) -> None:
+def test_what_may_not_be_repeated_is_not_sent_twice() -> None:
     asked = []
 
     def cuts(handler: Handler, count: int, _: bytes) -> None:
         asked.append(count)
         cut(handler)
 
-    window = {"follower_speed_mps": [9.0] * 5, "leader_speed_mps": [9.0] * 5, "spacing_m": [20.0] * 5}
     with between(cuts) as url, pytest.raises(Unreachable):
-        Client(url, patience=SOON).model().simulate(window, [9.0])
+        Client(url, patience=SOON)._transport.answer(Call("POST", "/", repeatable=False))
     assert asked == [1]
 
 
@@ -168,3 +175,61 @@ def test_errors_go_from_one_process_to_another() -> None:
         assert type(again) is type(error) and str(again) == str(error)
     again = pickle.loads(pickle.dumps(problem))
     assert (again.remedy_url, again.retry_after_s) == (problem.remedy_url, 3.0)
+
+
+@pytest.fixture
+def strict(tmp_path: Path) -> Iterator[Server]:
+    with running(tmp_path, "server.predict_windows_max=4", "ingest.max_body_bytes=100000") as server:
+        yield server
+
+
+def test_every_kind_of_refusal_is_a_problem_with_its_code(strict: Server, tmp_path: Path) -> None:
+    client = Client(strict.url)
+    model = client.model()
+    only_tests = [{**event, "split": "test"} for event in events("t", 9.0)]
+
+    def refused(status: int, code: str, ask: Callable[[], object]) -> None:
+        with pytest.raises(Problem) as problem:
+            ask()
+        assert (problem.value.status, problem.value.code) == (status, code), problem.value
+        assert problem.value.request_id and problem.value.remedy_url == f"{strict.url}/problems/{code}"
+
+    refused(409, "nothing_pending", model.train)
+    refused(409, "no_live_version", lambda: model.rollback(reason="none"))
+    refused(404, "version_not_found", lambda: model.evaluation(7))
+    refused(404, "batch_not_found", lambda: model.events("b9"))
+    refused(409, "model_exists", lambda: client.create_model("default"))
+    refused(422, "invalid_query", lambda: model.upload(frame("e", 12.0), colour="red"))
+    refused(422, "no_event_accepted", lambda: model.upload([]))
+    refused(422, "invalid_body", lambda: model.upload(frame("e", 12.0).sort_values("t")))
+    (tmp_path / "cut.parquet").write_bytes(b"PAR1")
+    refused(400, "truncated_body", lambda: model.upload(tmp_path / "cut.parquet"))
+    refused(413, "body_too_large", lambda: model.upload(events("long", 12.0, 200)))
+    model.upload(only_tests, regime="fast")
+    with pytest.raises(TaskFailed, match="no_training_events") as failed:
+        model.train()
+    assert failed.value.task["state"] == "failed"
+    model.upload(frame("e", 12.0), regime="fast")
+    model.train()
+    refused(409, "no_parent_version", lambda: model.rollback(reason="none"))
+    refused(422, "invalid_body", lambda: model.predict(windows(5)))
+    refused(422, "invalid_body", lambda: model.predict(windows(1, horizon=7)))
+    refused(422, "invalid_body", lambda: model.predict(windows(1) * np.nan))
+    refused(404, "version_not_found", lambda: model.predict(windows(1), version=7))
+
+
+@pytest.fixture
+def slow(tmp_path: Path) -> Iterator[Server]:
+    with running(tmp_path, "access.rate_requests=3", "access.rate_window_s=1") as server:
+        yield server
+
+
+def test_who_asks_too_often_comes_back_when_told(slow: Server) -> None:
+    key = httpx.post(f"{slow.url}/v1/keys", json={"scopes": ["admin"]}).json()["key"]
+    hasty = Client(slow.url, key=key, patience=Patience(retries=0))
+    with pytest.raises(Problem) as many:
+        for _ in range(1000):
+            hasty.models()
+    assert (many.value.status, many.value.code) == (429, "rate_limited") and many.value.retry_after_s is not None
+    patient = Client(slow.url, key=key)
+    assert [len(patient.models()) for _ in range(6)] == [1] * 6

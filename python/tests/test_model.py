@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 from pathlib import Path
+from typing import Any
 
 import httpx
 import numpy as np
@@ -14,7 +15,7 @@ import pytest
 from conftest import url_of
 from traffic import events, frame, windows
 
-from headway import AsyncClient, Client, Problem, TaskFailed
+from headway import AsyncClient, Client
 
 
 def test_two_regimes_are_learned_and_told(client: Client) -> None:
@@ -99,26 +100,45 @@ def test_versions_are_compared_and_exported(client: Client, tmp_path: Path) -> N
     assert fork.info().live == 1 and {info.model for info in client.models()} == {"default", "other", "fork"}
 
 
-def test_a_task_without_a_version_says_why(client: Client) -> None:
+def test_a_frame_comes_back_as_it_went(client: Client) -> None:
+    model, rows = client.model(), frame("e", 12.0)
+    # Text may be categories, numbers of any width, and events numbered.
+    rows["split"] = rows["split"].astype("category")
+    rows["event_id"] = rows.groupby("event_id", sort=False).ngroup()
+    rows["leader_speed_mps"] = rows["leader_speed_mps"].astype(np.float32)
+    assert model.upload(rows, source="somewhere").accepted == 12
+    back = model.events("b1")
+    assert back["event_id"].tolist() == rows["event_id"].astype(str).tolist()
+    assert back["split"].tolist() == rows["split"].tolist() and set(back["source"]) == {"somewhere"}
+    for column in ["spacing_m", "follower_speed_mps", "leader_speed_mps"]:
+        np.testing.assert_array_equal(back[column], rows[column].astype(np.float32))
+    other = client.create_model("other")
+    copied = other.upload(back)
+    assert copied.accepted == 12
+    pd.testing.assert_frame_equal(other.events(copied.batch_id), back)
+    again = model.upload(back)
+    assert (again.accepted, again.duplicates) == (0, 12)
+
+
+def test_lists_are_read_to_their_end(client: Client) -> None:
     model = client.model()
-    only_for_tests = [{**event, "split": "test"} for event in events("t", 12.0)]
-    model.upload(only_for_tests, regime="fast")
-    with pytest.raises((TaskFailed, Problem)) as failed:
+    for number in range(5):
+        bad = {**events("bad", 9.0, 1)[0], "spacing_m": [-1.0] * 40}
+        model.upload([*events(f"e{number}", 10.0 + number), bad, bad, bad], regime="fast")
         model.train()
-    assert failed.value.args[0]
+    assert [each["batch_id"] for each in model.batches(page_size=2)] == ["b1", "b2", "b3", "b4", "b5"]
+    assert [each["task_id"] for each in model.tasks(page_size=2)] == ["t1", "t2", "t3", "t4", "t5"]
+    assert len(list(model.rejections("b1", page_size=2))) == 3 and len(list(model.history(page_size=2))) == 5
+    assert len(model.versions()) == 5
 
+    async def awaited() -> list[Any]:
+        async with AsyncClient(url_of(client)) as there:
+            other = there.model()
+            lists = [other.batches(page_size=2), other.tasks(page_size=2), other.history(page_size=2)]
+            read = []
+            for entries in [*lists, other.rejections("b1", page_size=2)]:
+                read.append([each async for each in entries])
+            return read
 
-def test_what_is_awaited_is_the_same(client: Client) -> None:
-    model = client.model()
-    model.upload(frame("fast", 16.0), regime="fast")
-
-    async def awaited() -> tuple[int, list[float], pd.DataFrame]:
-        async with AsyncClient(url_of(client)) as server:
-            other = server.model()
-            version = (await other.train()).version
-            predicted = (await other.predict(windows(3))).accel_mps2.tolist()
-            return version, predicted, await other.evaluation(version)
-
-    version, predicted, evaluation = asyncio.run(awaited())
-    assert version == 1 and predicted == model.predict(windows(3)).accel_mps2.tolist()
-    pd.testing.assert_frame_equal(evaluation, model.evaluation(1))
+    lists = [model.batches(), model.tasks(), model.history(), model.rejections("b1")]
+    assert asyncio.run(awaited()) == [list(entries) for entries in lists]

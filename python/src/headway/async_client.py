@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import AsyncIterator, Mapping
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -142,6 +142,22 @@ class AsyncModel:
         """What a batch holds, a row for each step."""
         return await self._run(operations.events(self.name, batch_id))
 
+    def batches(self, *, page_size: int = 1000) -> AsyncIterator[dict[str, Any]]:
+        """Every batch, in order of arrival, as the interface writes them."""
+        return self._transport.entries(operations.listing(self.name, "/batches", "batches", page_size))
+
+    def rejections(self, batch_id: str, *, page_size: int = 1000) -> AsyncIterator[dict[str, Any]]:
+        """Every event of an upload that was refused, and why; its `Batch` has the first thousand."""
+        return self._transport.entries(operations.rejections(self.name, batch_id, page_size))
+
+    def tasks(self, *, page_size: int = 1000) -> AsyncIterator[dict[str, Any]]:
+        """Every task, as the interface writes them."""
+        return self._transport.entries(operations.listing(self.name, "/tasks", "tasks", page_size))
+
+    def history(self, *, page_size: int = 1000) -> AsyncIterator[dict[str, Any]]:
+        """Who served when and why, the oldest first."""
+        return self._transport.entries(operations.listing(self.name, "/history", "history", page_size))
+
     async def versions(self) -> list[Version]:
         """Every version, the oldest first."""
         return await self._run(operations.versions(self.name))
@@ -155,11 +171,11 @@ class AsyncModel:
         return await self._run(operations.forgetting(self.name))
 
     async def promote(self, version: int, *, reason: str, force: bool = False) -> dict[str, Any]:
-        """Lets a version serve, and be learned on from."""
+        """Lets a version serve; what is learned next still goes on from where learning was."""
         return await self._run(operations.move(self.name, "/promote", version, reason, force))
 
     async def rollback(self, version: int | None = None, *, reason: str, force: bool = False) -> dict[str, Any]:
-        """Goes back to a version, the parent of what serves where none is named."""
+        """Serving and learning go back to a version, the parent of what serves where none is named."""
         return await self._run(operations.move(self.name, "/rollback", version, reason, force))
 
     async def export(self, version: int, to: str | Path, *, format: str) -> Path:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import uuid
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
@@ -34,25 +35,44 @@ def get(path: str, **query: Any) -> Operation[Any]:
     return answer.json()
 
 
-def post(path: str, body: Mapping[str, Any], *, creates: bool = False) -> Operation[Any]:
-    """Asks for something in JSON. What creates carries a key: a server does it once, however often it is sent."""
-    headers = {"content-type": "application/json"}
-    if creates:
-        headers["idempotency-key"] = str(uuid.uuid4())
-    answer: Answer = yield Call("POST", path, body=json_of(body), headers=headers, repeatable=creates)
+def post(path: str, body: Mapping[str, Any]) -> Operation[Any]:
+    """Has something made or moved. It carries a key: a server does it once, however often it is sent."""
+    headers = {"content-type": "application/json", "idempotency-key": str(uuid.uuid4())}
+    answer: Answer = yield Call("POST", path, body=json_of(body), headers=headers)
     return answer.json()
 
 
+@dataclass(frozen=True)
+class Listing:
+    """A list that comes page by page."""
+
+    path: str
+    member: str
+    page_size: int = 1000
+
+    def page(self, token: str | None) -> Operation[tuple[list[dict[str, Any]], str | None]]:
+        """The page that this token leads to, and the token of the next."""
+        said = yield from get(self.path, page_size=self.page_size, page_token=token)
+        return said[self.member], said["next_page_token"]
+
+
+def listing(model: str, of: str, member: str, page_size: int) -> Listing:
+    """A list of a model's."""
+    return Listing(model_path(model, of), member, page_size)
+
+
+def rejections(model: str, batch_id: str, page_size: int) -> Listing:
+    """What an upload was refused."""
+    return listing(model, f"/batches/{quote(batch_id, safe='')}/rejections", "rejections", page_size)
+
+
 def pages(path: str, member: str) -> Operation[list[dict[str, Any]]]:
-    """Every entry of a list."""
-    entries: list[dict[str, Any]] = []
-    token = None
-    while True:
-        page = yield from get(path, page_size=1000, page_token=token)
-        entries += page[member]
-        token = page["next_page_token"]
-        if token is None:
-            return entries
+    """Every entry of a list that is short."""
+    entries, token = yield from Listing(path, member).page(None)
+    while token is not None:
+        more, token = yield from Listing(path, member).page(token)
+        entries = entries + more
+    return entries
 
 
 def models() -> Operation[list[ModelInfo]]:
@@ -67,7 +87,7 @@ def create_model(
     body: dict[str, Any] = {"model": name, "method": method, "settings": dict(settings)}
     if from_ is not None:
         body["from"] = {"model": from_[0], "version": from_[1]}
-    return ModelInfo.read((yield from post("/v1/models", body, creates=True)))
+    return ModelInfo.read((yield from post("/v1/models", body)))
 
 
 def upload(
@@ -93,7 +113,7 @@ def train(
         wish["regime"] = regime
     if settings:
         wish["settings"] = dict(settings)
-    queued = yield from post(model_path(model, "/tasks"), wish, creates=True)
+    queued = yield from post(model_path(model, "/tasks"), wish)
     made = []
     for task_id in queued["task_ids"]:
         task = yield from ended(model, task_id, told)
@@ -155,7 +175,7 @@ def forgetting(model: str) -> Operation[pd.DataFrame]:
 def move(model: str, way: str, number: int | None, reason: str, force: bool) -> Operation[dict[str, Any]]:
     """Promotes, or rolls back."""
     said: dict[str, Any] = yield from post(
-        model_path(model, way), {"version": number, "reason": reason, "force": force}, creates=True
+        model_path(model, way), {"version": number, "reason": reason, "force": force}
     )
     return said
 
@@ -183,7 +203,10 @@ def simulate(
     body: dict[str, Any] = {"initial": initial, "leader_speed_mps": leader}
     if number is not None:
         body["version"] = number
-    return Simulation.read((yield from post(model_path(model, "/simulate"), body)))
+    # As a prediction, it changes nothing, and may be sent again.
+    headers = {"content-type": "application/json"}
+    answer: Answer = yield Call("POST", model_path(model, "/simulate"), body=json_of(body), headers=headers)
+    return Simulation.read(answer.json())
 
 
 def evaluate(

@@ -13,6 +13,7 @@ from typing import Any, BinaryIO
 import httpx
 
 from .calls import Answer, Call, Operation, T
+from .operations import Listing
 from .patience import Patience, retry_after_s
 from .problem import Problem, Unreachable
 
@@ -28,6 +29,8 @@ class Wire:
     """What both ways of sending share: the address, the key, how patient to be."""
 
     def __init__(self, url: str, key: str | None, patience: Patience, timeout_s: float) -> None:
+        if not url.startswith(("http://", "https://")):
+            raise ValueError(f"{url!r} is no address of a server: it begins with neither http:// nor https://")
         self.url = url.rstrip("/")
         self.headers = {"authorization": f"Bearer {key}"} if key else {}
         self.patience = patience
@@ -85,6 +88,15 @@ class Sync:
             result: T = end.value
             return result
 
+    def entries(self, of: Listing) -> Iterator[dict[str, Any]]:
+        """Every entry of a list; a page is asked for once the one before has been read."""
+        token: str | None = None
+        while True:
+            page, token = self.run(of.page(token))
+            yield from page
+            if token is None:
+                return
+
     def answer(self, call: Call) -> Answer:
         """The answer to one call, however often it had to be sent."""
         tries = 0
@@ -125,6 +137,16 @@ class Async:
         except StopIteration as end:
             result: T = end.value
             return result
+
+    async def entries(self, of: Listing) -> AsyncIterator[dict[str, Any]]:
+        """Every entry of a list; a page is asked for once the one before has been read."""
+        token: str | None = None
+        while True:
+            page, token = await self.run(of.page(token))
+            for entry in page:
+                yield entry
+            if token is None:
+                return
 
     async def answer(self, call: Call) -> Answer:
         """The answer to one call, however often it had to be sent."""
