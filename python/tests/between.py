@@ -41,8 +41,11 @@ def between(answer: Callable[[Handler, int, bytes], None]) -> Iterator[str]:
 
     listening = http.server.ThreadingHTTPServer(("127.0.0.1", 0), Between)
     threading.Thread(target=listening.serve_forever, daemon=True).start()
-    yield f"http://127.0.0.1:{listening.server_address[1]}"
-    listening.shutdown()
+    try:
+        yield f"http://127.0.0.1:{listening.server_address[1]}"
+    finally:
+        listening.shutdown()
+        listening.server_close()
 
 
 def say(handler: Handler, status: int, body: bytes, **headers: str) -> None:

@@ -40,7 +40,8 @@ class Server:
     def stop(self) -> None:
         """Ends it, as it ends by itself."""
         self.process.send_signal(signal.SIGTERM)
-        assert self.process.wait() == 0
+        with self.process:
+            assert self.process.wait() == 0
 
 
 def start(folder: Path, *others: str) -> Server:

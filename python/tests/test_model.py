@@ -95,6 +95,7 @@ def test_versions_are_compared_and_exported(client: Client, tmp_path: Path) -> N
     model.train()
     compared = model.evaluate(frame("new", 14.0), references=["idm", "constant"], regime="fast")
     assert compared["driver"].tolist() == ["version 1", "idm", "constant"]
+    assert compared["spacing_mse"].gt(0).all() and compared["forgetting_ratio"].isna().tolist() == [False, True, True]
     assert model.export(1, tmp_path / "v1.onnx", format="onnx").read_bytes()[:1] == b"\x08"
     fork = client.create_model("fork", method="mas", from_=("other", 1))
     assert fork.info().live == 1 and {info.model for info in client.models()} == {"default", "other", "fork"}
@@ -116,8 +117,10 @@ def test_a_frame_comes_back_as_it_went(client: Client) -> None:
     copied = other.upload(back)
     assert copied.accepted == 12
     pd.testing.assert_frame_equal(other.events(copied.batch_id), back)
-    again = model.upload(back)
-    assert (again.accepted, again.duplicates) == (0, 12)
+    # No event says its run: that column is empty, which pandas 2 holds as objects and Arrow as nulls.
+    for same in [back, back.astype({"run": object}), pa.Table.from_pandas(back.assign(run=None))]:
+        again = model.upload(same)
+        assert (again.accepted, again.duplicates) == (0, 12)
 
 
 def test_lists_are_read_to_their_end(client: Client) -> None:

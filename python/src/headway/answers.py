@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -110,8 +111,15 @@ class Simulation:
         )
 
 
-def measures_of(tasks: list[dict[str, Any]], **named: Any) -> pd.DataFrame:
-    """How a driver does, a row for each regime."""
-    columns = ["regime", "events", "steps", "spacing_mse", "speed_mse", "collision_rate_percent", "forgetting_ratio"]
-    rows = [{**named, **{column: task.get(column) for column in columns}} for task in tasks]
-    return pd.DataFrame(rows, columns=[*named, *columns])
+MEASURES = ["spacing_mse", "speed_mse", "collision_rate_percent", "forgetting_ratio"]
+
+
+def measures_of(named: str, drivers: Mapping[Any, list[dict[str, Any]]]) -> pd.DataFrame:
+    """How drivers do, a row for each of them and each regime; what was not measured is NaN."""
+    columns = ["regime", "events", "steps", *MEASURES]
+    rows = [
+        {named: driver, **{column: task.get(column) for column in columns}}
+        for driver, tasks in drivers.items()
+        for task in tasks
+    ]
+    return pd.DataFrame(rows, columns=[named, *columns]).astype(dict.fromkeys(MEASURES, float))

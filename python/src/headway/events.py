@@ -45,6 +45,8 @@ def body_of(events: Events) -> Body:
     if isinstance(events, pd.DataFrame):
         events = pa.Table.from_pandas(events, preserve_index=False)
     if isinstance(events, pa.Table):
+        # A column with nothing in it has no type either, and would be written as numbers.
+        events = events.drop_columns([field.name for field in events.schema if pa.types.is_null(field.type)])
         sink = pa.BufferOutputStream()
         pq.write_table(events, sink, compression="zstd")
         return Body(sink.getvalue().to_pybytes(), {"content-type": MEDIA_TYPES[".parquet"]})

@@ -153,7 +153,7 @@ def versions(model: str) -> Operation[list[Version]]:
 def evaluation(model: str, number: int) -> Operation[pd.DataFrame]:
     """How a version drives on the test events of every regime that it has learned."""
     said = yield from get(model_path(model, f"/versions/{number}/evaluation"))
-    return measures_of(said["tasks"], version=number)
+    return measures_of("version", {number: said["tasks"]})
 
 
 def forgetting(model: str) -> Operation[pd.DataFrame]:
@@ -164,7 +164,7 @@ def forgetting(model: str) -> Operation[pd.DataFrame]:
     number = info.head
     while number is not None:
         frame = yield from evaluation(model, number)
-        ratios[number] = frame.set_index("regime")["forgetting_ratio"].astype(float)
+        ratios[number] = frame.set_index("regime")["forgetting_ratio"]
         number = line[number].raw["parent"]
     table = pd.DataFrame({number: ratios[number] for number in sorted(ratios)})
     table.columns.name = "version"
@@ -221,9 +221,9 @@ def evaluate(
         query["references"] = ",".join(references)
     answer: Answer = yield Call("POST", model_path(model, "/evaluate"), query, body.content, body.headers)
     said = answer.json()
-    frames = [measures_of(tried["tasks"], driver=f"version {tried['version']}") for tried in said["versions"]]
-    frames += [measures_of(tried["tasks"], driver=tried["reference"]) for tried in said["references"]]
-    return pd.concat(frames, ignore_index=True)
+    drivers = {f"version {tried['version']}": tried["tasks"] for tried in said["versions"]}
+    drivers |= {tried["reference"]: tried["tasks"] for tried in said["references"]}
+    return measures_of("driver", drivers)
 
 
 def events(model: str, batch_id: str) -> Operation[pd.DataFrame]:
