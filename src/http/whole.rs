@@ -10,7 +10,8 @@ pub(super) struct Whole(pub(super) i64);
 
 impl<'de> Deserialize<'de> for Whole {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        deserializer.deserialize_i64(Number)
+        // Among alternatives, serde shows a float only to who takes anything.
+        deserializer.deserialize_any(Number)
     }
 }
 
@@ -57,5 +58,19 @@ mod tests {
         for text in ["3.5", "1e300", "18446744073709551615", "\"3\"", "true", "[3]"] {
             assert_eq!(read(text), None, "{text}");
         }
+    }
+
+    #[test]
+    fn it_is_one_among_alternatives_too() {
+        #[derive(Debug, PartialEq, serde::Deserialize)]
+        #[serde(untagged)]
+        enum Given {
+            Whole(Whole),
+            Text(String),
+        }
+        let read = |text: &str| serde_json::from_str::<Given>(text).ok();
+        assert_eq!(read("474.0"), Some(Given::Whole(Whole(474))));
+        assert_eq!(read("\"474.0\""), Some(Given::Text("474.0".to_owned())));
+        assert_eq!(read("0.5"), None);
     }
 }

@@ -12,8 +12,6 @@ mod outputs;
 mod repository;
 /// What is asked.
 mod request;
-/// Names of sequences.
-mod sequence_id;
 /// The server as a whole.
 mod server;
 /// Counts and times.

@@ -12,7 +12,6 @@ use super::super::body::{Held, parse, too_large};
 use super::super::problem::{Code, InputError, Problem};
 use super::super::whole::Whole;
 use super::metadata::OUTPUTS;
-use super::sequence_id::GivenId;
 use super::tensor::{Elements, wrong};
 use crate::driver::Seen;
 use crate::predictor::SequenceId;
@@ -97,6 +96,15 @@ struct Parameters {
     sequence_follow_live: bool,
     #[serde(default)]
     binary_data_output: bool,
+}
+
+/// What names a vehicle: the protocol has both.
+#[derive(Debug, Deserialize)]
+#[serde(untagged, expecting = "text or an integer from 0 is needed")]
+enum GivenId {
+    Number(u64),
+    Whole(Whole),
+    Text(String),
 }
 
 #[derive(Debug, Deserialize)]
@@ -248,9 +256,13 @@ impl Parameters {
     /// The sequence; 0 and an empty name are none.
     fn sequence(&self) -> Result<Option<Sequence>, Problem> {
         let id = match &self.sequence_id {
-            None | Some(GivenId::Number(0)) => return Ok(None),
+            None | Some(GivenId::Number(0) | GivenId::Whole(Whole(0))) => return Ok(None),
             Some(GivenId::Text(name)) if name.is_empty() => return Ok(None),
             Some(GivenId::Number(number)) => SequenceId::Number(*number),
+            Some(GivenId::Whole(Whole(number))) => SequenceId::Number(u64::try_from(*number).map_err(|_| {
+                let error = InputError::at("/parameters/sequence_id", "out_of_range", "a number below 0");
+                Code::InvalidBody.because("the sequence has no usable id").with_error(error)
+            })?),
             Some(GivenId::Text(name)) if name.len() > MAX_ID_BYTES => {
                 let detail = format!("at most {MAX_ID_BYTES} bytes are taken");
                 let error = InputError::at("/parameters/sequence_id", "too_long", detail);
