@@ -1,6 +1,9 @@
 //! Vehicle types for SUMO: IDM drivers with what they were distilled from and how far they are from it.
 
-use std::fmt::Write;
+use std::io;
+
+use quick_xml::Writer;
+use quick_xml::events::{BytesDecl, Event};
 
 use crate::car_following::Idm;
 
@@ -22,31 +25,59 @@ pub struct VehicleType {
 /// (<https://sumo.dlr.de/docs/Definition_of_Vehicles%2C_Vehicle_Types%2C_and_Routes.html>). What is told is in `param`s, which
 /// SUMO keeps and does not read.
 #[must_use]
-pub fn sumo(model: &str, version: i64, weights_sha256: &str, types: &[VehicleType]) -> String {
-    let mut xml = String::from("<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n<additional>\n");
-    for VehicleType { regime, idm, told } in types {
-        let id = escaped(&format!("{model}-v{version}-{regime}"));
-        let Idm { desired_speed_mps, time_headway_s, jam_spacing_m, max_accel_mps2, comfortable_braking_mps2 } = idm;
-        let line = format!(
-            "    <vType id=\"{id}\" carFollowModel=\"IDM\" accel=\"{max_accel_mps2:.4}\" decel=\"{comfortable_braking_mps2:.4}\" \
-             tau=\"{time_headway_s:.4}\" minGap=\"{jam_spacing_m:.4}\" maxSpeed=\"{desired_speed_mps:.4}\" delta=\"4\" \
-             speedDev=\"0\">\n"
-        );
-        xml.push_str(&line);
-        let about = [("model", model.to_owned()), ("version", version.to_string()), ("regime", regime.clone())];
-        let digest = [("weights_sha256", weights_sha256.to_owned())];
-        for (name, value) in about.iter().chain(&digest).chain(told) {
-            writeln!(xml, "        <param key=\"headway.{name}\" value=\"{}\"/>", escaped(value)).expect("memory");
-        }
-        xml.push_str("    </vType>\n");
-    }
-    xml.push_str("</additional>\n");
-    xml
+pub fn sumo(model: &str, version: i64, weights_sha256: &str, types: &[VehicleType]) -> Vec<u8> {
+    let mut writer = Writer::new_with_indent(Vec::new(), b' ', 4);
+    write(&mut writer, model, version, weights_sha256, types).expect("memory takes it");
+    writer.into_inner()
 }
 
-/// As text within quotes.
-fn escaped(text: &str) -> String {
-    quick_xml::escape::escape(text).into_owned()
+fn write(
+    writer: &mut Writer<Vec<u8>>,
+    model: &str,
+    version: i64,
+    weights_sha256: &str,
+    types: &[VehicleType],
+) -> io::Result<()> {
+    writer.write_event(Event::Decl(BytesDecl::new("1.0", Some("UTF-8"), None)))?;
+    let version = version.to_string();
+    writer.create_element("additional").write_inner_content(|writer| {
+        for VehicleType { regime, idm, told } in types {
+            let id = format!("{model}-v{version}-{regime}");
+            let about =
+                [("model", model), ("version", &version), ("regime", regime), ("weights_sha256", weights_sha256)];
+            let told = about.into_iter().chain(told.iter().map(|(name, value)| (*name, value.as_str())));
+            let parameters = parameters(idm);
+            let parameters = parameters.iter().map(|(name, value)| (*name, value.as_str()));
+            let named = [("id", id.as_str()), ("carFollowModel", "IDM")].into_iter().chain(parameters);
+            writer.create_element("vType").with_attributes(named).write_inner_content(|writer| {
+                for (name, value) in told {
+                    let key = format!("headway.{name}");
+                    writer
+                        .create_element("param")
+                        .with_attributes([("key", key.as_str()), ("value", value)])
+                        .write_empty()?;
+                }
+                Ok(())
+            })?;
+        }
+        Ok(())
+    })?;
+    Ok(())
+}
+
+/// Under SUMO's names.
+fn parameters(idm: &Idm) -> [(&'static str, String); 7] {
+    let number = |value: f64| format!("{value:.4}");
+    [
+        ("accel", number(idm.max_accel_mps2)),
+        ("decel", number(idm.comfortable_braking_mps2)),
+        ("tau", number(idm.time_headway_s)),
+        ("minGap", number(idm.jam_spacing_m)),
+        ("maxSpeed", number(idm.desired_speed_mps)),
+        ("delta", "4".to_owned()),
+        // Every vehicle is this driver.
+        ("speedDev", "0".to_owned()),
+    ]
 }
 
 #[cfg(test)]
@@ -63,12 +94,14 @@ mod tests {
             comfortable_braking_mps2: 2.5,
         };
         let told = vec![("spacing_rmse_from_version_m", "0.5".to_owned())];
-        let xml = sumo("ring", 3, "ab", &[VehicleType { regime: "a \"b\" <c>".to_owned(), idm, told }]);
+        let xml =
+            String::from_utf8(sumo("ring", 3, "ab", &[VehicleType { regime: "a \"b\" <c>".to_owned(), idm, told }]))
+                .unwrap();
         let expected = "    <vType id=\"ring-v3-a &quot;b&quot; &lt;c&gt;\" carFollowModel=\"IDM\" accel=\"1.0000\" \
                         decel=\"2.5000\" tau=\"1.5000\" minGap=\"2.0000\" maxSpeed=\"33.2500\" delta=\"4\" speedDev=\"0\">\n";
         assert!(xml.contains(expected), "{xml}");
         assert!(xml.contains("<param key=\"headway.spacing_rmse_from_version_m\" value=\"0.5\"/>"), "{xml}");
         let mut reader = quick_xml::Reader::from_str(&xml);
-        while !matches!(reader.read_event().unwrap(), quick_xml::events::Event::Eof) {}
+        while !matches!(reader.read_event().unwrap(), Event::Eof) {}
     }
 }

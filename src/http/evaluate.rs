@@ -8,6 +8,7 @@ use jiff::Timestamp;
 use rayon::ThreadPool;
 use serde::Deserialize;
 use serde_json::{Map, Value, json};
+use tokio::sync::OwnedSemaphorePermit;
 
 use super::AppState;
 use super::answer::Answer;
@@ -52,8 +53,7 @@ pub(super) async fn evaluate(
     options.extraction(format, &app.ingest.extraction).map_err(|e| option_problem(&e))?;
     let (named, references) = asked.names(app.evaluator.settings.max_versions)?;
     let versions = to_drive(&app, &model, named).await?;
-    let full = "as many evaluations as the server computes at once are under way";
-    let slot = Arc::clone(&app.evaluation_slots).try_acquire_owned().map_err(|_| Problem::busy(Code::Busy, full))?;
+    let turn = turn(&app)?;
     let body = take_body(&app, http).await?;
     let (model_id, settings, received_at) = (model.model_id, model.settings.clone(), Timestamp::now());
     let upload = Upload { model_id, model: settings, format, encoding, options, body, received_at };
@@ -66,17 +66,32 @@ pub(super) async fn evaluate(
     }
     let trial = app.predictor.trial(&model, &versions, references, by_regime(examined), limits);
     let trial = trial.await.map_err(|e| refusal(&model, e))?;
-    let evaluator = Arc::clone(&app.evaluator);
-    let driven = tokio::task::spawn_blocking(move || {
-        let _slot = slot;
-        let Evaluator { workers, settings } = &*evaluator;
-        trial.drive(settings, workers)
-    });
-    let (versions, references) = driven.await.map_err(Problem::internal)?;
+    let (versions, references) =
+        compute(&app, turn, move |Evaluator { workers, settings }| trial.drive(settings, workers)).await?;
     members.insert("model".to_owned(), json!(model.name));
     members.insert("versions".to_owned(), versions.iter().map(|tried| version_body(&model, tried)).collect());
     members.insert("references".to_owned(), reference_bodies(&references));
     Ok(Answer::ok(&members))
+}
+
+/// A turn among the evaluations that the server computes at once.
+pub(super) fn turn(app: &AppState) -> Result<OwnedSemaphorePermit, Problem> {
+    let full = "as many evaluations as the server computes at once are under way";
+    Arc::clone(&app.evaluation_slots).try_acquire_owned().map_err(|_| Problem::busy(Code::Busy, full))
+}
+
+/// Computes aside from what answers, and gives the turn back, whoever still waits for it.
+pub(super) async fn compute<T: Send + 'static>(
+    app: &AppState,
+    turn: OwnedSemaphorePermit,
+    work: impl FnOnce(&Evaluator) -> T + Send + 'static,
+) -> Result<T, Problem> {
+    let evaluator = Arc::clone(&app.evaluator);
+    let computed = tokio::task::spawn_blocking(move || {
+        let _turn = turn;
+        work(&evaluator)
+    });
+    computed.await.map_err(Problem::internal)
 }
 
 /// What this call asks for, and the options it shares with an upload: they are checked by the same rules.

@@ -1,12 +1,10 @@
 //! A version as drivers of the IDM, one a regime: what simulators without a network can drive.
 
-use std::sync::Arc;
-
 use rayon::ThreadPool;
 use rayon::prelude::*;
 
 use super::{Loaded, PredictError, Predictor, TrialSettings};
-use crate::car_following::Event;
+use crate::car_following::{Event, Idm};
 use crate::evaluation::{calibrate, evaluate_reference};
 use crate::lineage::{Model, RegimeName, TestMeasures};
 use crate::reference::{ReferenceDriver, ReferenceKind};
@@ -17,18 +15,18 @@ const HELD_SHARE: usize = 4;
 /// A version, and the events of every regime that it learned and that are still there.
 #[derive(Debug)]
 pub struct Distillation {
-    loaded: Arc<Loaded>,
+    loaded: Loaded,
     regimes: Vec<(RegimeName, Vec<Event>)>,
     dt_s: f64,
 }
 
-/// The IDM driver that drives most as a version does, in one regime.
+/// The IDM that drives most as a version does, in one regime.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Distilled {
     /// The regime.
     pub regime: RegimeName,
-    /// The driver.
-    pub driver: ReferenceDriver,
+    /// Its parameters.
+    pub idm: Idm,
     /// Events that it was fitted to, driven by the version.
     pub fitted_events: u32,
     /// How far it is from the version, on events that were held back: behind the same leaders, from the same beginnings.
@@ -50,7 +48,7 @@ impl Predictor {
         version: i64,
         settings: &TrialSettings,
     ) -> Result<Distillation, PredictError> {
-        let loaded = Arc::new(Loaded::load(&self.store, model.model_id, version).await?);
+        let loaded = Loaded::load(&self.store, model.model_id, version).await?;
         let limit = u32::try_from(settings.calibration.max_events).unwrap_or(u32::MAX);
         let mut regimes = Vec::new();
         for learned in self.store.evaluation(model.model_id, version).await? {
@@ -98,10 +96,11 @@ fn distilled(
     let (held_recorded, held_driven) = (held(recorded), held(driven));
     let calibration = calibrate(ReferenceKind::Idm, horizon, &fitted, &settings.calibration, workers);
     let driver = calibration.driver;
+    let ReferenceDriver::Idm(idm) = driver else { unreachable!("an IDM was to be fitted") };
     let from = |events: &[Event]| TestMeasures::of(&evaluate_reference(&driver, horizon, events, workers));
     Distilled {
         regime,
-        driver,
+        idm,
         fitted_events: calibration.on.events,
         from_version: from(&held_driven),
         from_recorded: from(&held_recorded),
