@@ -80,7 +80,7 @@ class AsyncModel:
 
     async def info(self) -> ModelInfo:
         """What serves, what is learned on from, and every setting."""
-        return ModelInfo.read(await self._run(operations.get(operations.model_path(self.name))))
+        return await self._run(operations.info(self.name))
 
     async def upload(
         self,

@@ -80,7 +80,7 @@ class Model:
 
     def info(self) -> ModelInfo:
         """What serves, what is learned on from, and every setting."""
-        return ModelInfo.read(self._run(operations.get(operations.model_path(self.name))))
+        return self._run(operations.info(self.name))
 
     def upload(
         self,

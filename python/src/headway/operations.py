@@ -80,6 +80,11 @@ def models() -> Operation[list[ModelInfo]]:
     return [ModelInfo.read(said) for said in (yield from pages("/v1/models", "models"))]
 
 
+def info(model: str) -> Operation[ModelInfo]:
+    """A model."""
+    return ModelInfo.read((yield from get(model_path(model))))
+
+
 def create_model(
     name: str, method: str, settings: Mapping[str, Any], from_: tuple[str, int] | None
 ) -> Operation[ModelInfo]:
@@ -158,10 +163,9 @@ def evaluation(model: str, number: int) -> Operation[pd.DataFrame]:
 
 def forgetting(model: str) -> Operation[pd.DataFrame]:
     """Regimes × versions of the line that is learned on: spacing error over what it was when just learned."""
-    info = ModelInfo.read((yield from get(model_path(model))))
+    number = (yield from info(model)).head
     line = {made.version: made for made in (yield from versions(model))}
     ratios: dict[int, pd.Series[float]] = {}
-    number = info.head
     while number is not None:
         frame = yield from evaluation(model, number)
         ratios[number] = frame.set_index("regime")["forgetting_ratio"]
