@@ -88,11 +88,9 @@ class Histories:
 class Driver:
     """A server's model at the wheel."""
 
-    def __init__(
-        self, model: Model, driven_edges: frozenset[str], *, envelope: bool, version: int | None = None
-    ) -> None:
-        self.model, self.edges, self.envelope, self.version = model, driven_edges, envelope, version
-        self.histories = Histories(int(model.info().settings["horizon"]))
+    def __init__(self, model: Model, horizon: int, driven_lanes: frozenset[str], *, envelope: bool) -> None:
+        self.model, self.lanes, self.envelope = model, driven_lanes, envelope
+        self.histories = Histories(horizon)
         self.commanded: set[str] = set()
         self.counts = Counts()
 
@@ -126,8 +124,7 @@ class Driver:
         """Who is driven behind whom, and the net spacing."""
         followers, leaders, spacings = [], [], []
         for name in names:
-            road = vehicle.getRoadID(name)
-            if road not in self.edges or (road == "merge" and vehicle.getLaneIndex(name) < 2):
+            if vehicle.getLaneID(name) not in self.lanes:
                 self.counts.elsewhere += 1
                 continue
             found = vehicle.getLeader(name, SIGHT_M)
@@ -146,6 +143,6 @@ class Driver:
         if not followers:
             return np.zeros(0, np.float32)
         windows = self.histories.windows(followers, leaders, spacings_m)
-        predicted = self.model.predict(windows, version=self.version)
+        predicted = self.model.predict(windows)
         self.counts.limited += int(predicted.limited.sum())
         return predicted.accel_mps2 if self.envelope else predicted.raw_accel_mps2

@@ -46,10 +46,11 @@ def server(binary: Path, folder: Path) -> Iterator[str]:
 
 
 class Loop:
-    """A model, the folder of the simulations' files, and how long they are."""
+    """A model that is taught with patience and drives with none, and the folder of the simulations' files."""
 
-    def __init__(self, model: Model, folder: Path, short: bool) -> None:
-        self.model, self.folder, self.short = model, folder, short
+    def __init__(self, model: Model, driving: Model, folder: Path, short: bool) -> None:
+        self.model, self.driving, self.folder, self.short = model, driving, folder, short
+        self.horizon = int(model.info().settings["horizon"])
         self.touched = 0
 
     def teach(self, regime: str, files: list[Path]) -> None:
@@ -82,7 +83,9 @@ class Loop:
             kind = "headway" if ours else who
             end_s = {"ring": 120.0, "motorway": 90.0}[name] if self.short else {"ring": 600.0, "motorway": 300.0}[name]
             road = getattr(network, name)(self.folder, kind, end_s=end_s)
-            driver = Driver(self.model, road.driven_edges, envelope=who == "headway") if ours else None
+            driver = None
+            if ours:
+                driver = Driver(self.driving, self.horizon, road.driven_lanes, envelope=who == "headway")
             scripts = ONE_BRAKES if name == "ring" else ()
             fcd = driven if who == "headway" else None
             measures, took_s = simulate.run(road, driver, scripts, fcd=fcd)
@@ -143,24 +146,21 @@ def close(arguments: argparse.Namespace, url: str, folder: Path) -> int:
     """All of it, at this server."""
     settings = {**SETTINGS, **({"hidden": 16, "epochs": 6} if arguments.short else {})}
     with Client(url) as patient, Client(url, timeout_s=DEADLINE_S, patience=Patience(retries=0)) as hasty:
-        teaching = Loop(patient.create_model(arguments.model, settings=settings), folder, arguments.short)
+        model = patient.create_model(arguments.model, settings=settings)
+        loop = Loop(model, hasty.model(arguments.model), folder, arguments.short)
         print("SUMO's IDM drives", flush=True)
-        teaching.first_lessons()
+        loop.first_lessons()
         driven = {}
         for name in ["ring", "motorway"]:
             print(f"\nOn the {name}", flush=True)
-            driving = Loop(hasty.model(arguments.model), folder, arguments.short)
-            driven[name] = driving.compare(name)
-            teaching.touched += driving.touched
+            driven[name] = loop.compare(name)
         print("What it drove teaches it", flush=True)
         for name, file in driven.items():
-            teaching.teach(f"own-{name}", [file])
-        print(f"\nAgain, by version {teaching.model.info().live}, on the ring", flush=True)
-        again = Loop(hasty.model(arguments.model), folder, arguments.short)
-        again.compare("ring")
-        touched = teaching.touched + again.touched
-    print(f"The loop is closed; within its envelope the model touched {touched} vehicles.")
-    return 1 if touched else 0
+            loop.teach(f"own-{name}", [file])
+        print(f"\nAgain, by version {model.info().live}, on the ring", flush=True)
+        loop.compare("ring")
+    print(f"The loop is closed; within its envelope the model touched {loop.touched} vehicles.")
+    return 1 if loop.touched else 0
 
 
 if __name__ == "__main__":

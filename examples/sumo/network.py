@@ -29,9 +29,8 @@ class Road:
     end_s: float
     length_m: float
     """Of one lane of what is measured."""
-    driven_edges: frozenset[str]
+    driven_lanes: frozenset[str]
     """Where a driver of ours may drive; elsewhere SUMO's own does."""
-    lanes: int
 
 
 def vehicle_type(model: str, max_speed_mps: float) -> str:
@@ -98,7 +97,7 @@ def ring(
         )
     routes = folder / f"ring-{model}.rou.xml"
     routes.write_text(f"<routes>{vehicle_type(model, speed_mps)}{departures}</routes>")
-    return Road("ring", network, routes, end_s, length_m, frozenset(f"e{k}" for k in range(arcs)), 1)
+    return Road("ring", network, routes, end_s, length_m, frozenset(f"e{k}_0" for k in range(arcs)))
 
 
 def platoon(folder: Path, model: str, *, vehicles: int = 22, end_s: float = 300.0, speed_mps: float = 15.0) -> Road:
@@ -113,7 +112,7 @@ def platoon(folder: Path, model: str, *, vehicles: int = 22, end_s: float = 300.
     )
     routes = folder / f"platoon-{model}.rou.xml"
     routes.write_text(f"<routes>{vehicle_type(model, speed_mps)}{departures}</routes>")
-    return Road("platoon", network, routes, end_s, 6000.0, frozenset({"lane"}), 1)
+    return Road("platoon", network, routes, end_s, 6000.0, frozenset({"lane_0"}))
 
 
 def motorway(
@@ -157,4 +156,6 @@ def motorway(
     )
     routes = folder / f"motorway-{model}.rou.xml"
     routes.write_text(f"<routes>{vehicle_type(model, speed_mps)}{flows}</routes>")
-    return Road("motorway", network, routes, end_s, 3000.0, frozenset({"before", "merge", "after"}), 2)
+    # Not on the ramp, nor on the two lanes where it joins.
+    lanes = frozenset({"before_0", "before_1", "merge_2", "after_0", "after_1"})
+    return Road("motorway", network, routes, end_s, 3000.0, lanes)

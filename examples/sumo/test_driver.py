@@ -27,10 +27,7 @@ class Stub:
         self.accel_mps2 = accel_mps2
         self.asked: list[np.ndarray[Any, Any]] = []
 
-    def info(self) -> Any:
-        return SimpleNamespace(settings={"horizon": HORIZON})
-
-    def predict(self, windows: np.ndarray[Any, Any], *, version: int | None) -> Any:
+    def predict(self, windows: np.ndarray[Any, Any]) -> Any:
         self.asked.append(windows)
         if self.accel_mps2 is None:
             raise Unreachable("too late")
@@ -80,7 +77,7 @@ def test_who_goes_is_forgotten_and_who_comes_begins_anew() -> None:
 
 def test_without_an_answer_sumo_drives(tmp_path: Path) -> None:
     road = network.ring(tmp_path, "headway", end_s=30.0)
-    driver = Driver(Stub(None), road.driven_edges, envelope=True)  # type: ignore[arg-type]
+    driver = Driver(Stub(None), HORIZON, road.driven_lanes, envelope=True)  # type: ignore[arg-type]
     measures, _ = simulate.run(road, driver)
     assert driver.counts.driven == 0 and driver.counts.fallback > 6000 and not measures.collisions
     # Every vehicle is asked for from the moment that its past and its leader's fill a window.
@@ -89,7 +86,7 @@ def test_without_an_answer_sumo_drives(tmp_path: Path) -> None:
 
 def test_what_is_answered_is_driven(tmp_path: Path) -> None:
     road = network.platoon(tmp_path, "headway", vehicles=3, end_s=12.0)
-    driver = Driver(Stub(0.0), road.driven_edges, envelope=True)  # type: ignore[arg-type]
+    driver = Driver(Stub(0.0), HORIZON, road.driven_lanes, envelope=True)  # type: ignore[arg-type]
     measures, _ = simulate.run(road, driver)
     speeds = {name: [speed for _, who, _, speed in measures.positions if who == name] for name in ["v0", "v1", "v2"]}
     # Whoever follows keeps the speed at which it was taken over; the first, who follows nobody, goes on.
