@@ -1,28 +1,23 @@
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
 
 use serde_json::{Value, json};
 use sqlx::sqlite::SqliteConnectOptions;
 use sqlx::{ConnectOptions, Connection, Row, query};
 
 use super::uploads::{gzip, ndjson, parquet};
+use crate::support::command::{Said, headway_with};
 use crate::support::events::events;
 use crate::support::server::Server;
 
 /// Runs the command line, with a spool of its own.
-fn import(directory: &Path, arguments: &[&str]) -> Output {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_headway"));
-    for (name, _) in std::env::vars_os().filter(|(name, _)| name.to_string_lossy().starts_with("HEADWAY_")) {
-        command.env_remove(name);
-    }
-    command.env("HEADWAY_INGEST__SPOOL_FOLDER", directory).env("HEADWAY_MODEL__HORIZON", "5");
-    command.env("HEADWAY_MODEL__SCHEDULE", "{ min_events = 8, max_wait_s = 3600 }");
-    command.arg("import").args(arguments).output().unwrap()
-}
-
-fn text(bytes: &[u8]) -> String {
-    String::from_utf8(bytes.to_vec()).unwrap()
+fn import(directory: &Path, arguments: &[&str]) -> Said {
+    let variables = [
+        ("HEADWAY_INGEST__SPOOL_FOLDER", directory.to_str().unwrap()),
+        ("HEADWAY_MODEL__HORIZON", "5"),
+        ("HEADWAY_MODEL__SCHEDULE", "{ min_events = 8, max_wait_s = 3600 }"),
+    ];
+    headway_with(&variables, &[&["import"], arguments].concat())
 }
 
 /// The text with one space where there are several.
@@ -80,13 +75,11 @@ async fn files_are_stored_alike_in_a_database_and_at_a_server() {
     let server = Server::start_with(settings).await;
     server.post("/v1/models/default/pause", &json!({})).await.expect(200);
     let there = import(directory.path(), &[&arguments[..], &["--server", &server.url]].concat());
-    let parsed = |output: &Output| -> Value {
-        serde_json::from_slice(&output.stdout).unwrap_or_else(|_| panic!("{}", text(&output.stderr)))
-    };
+    let parsed = |said: &Said| -> Value { serde_json::from_str(&said.out).unwrap_or_else(|_| panic!("{}", said.err)) };
     let (here_said, there_said) = (parsed(&here), parsed(&there));
     assert_eq!(here_said, there_said);
     // A table without steps is refused event by event, and that is told by the code.
-    assert!(!here.status.success() && !there.status.success());
+    assert!(!here.success && !there.success);
     let files = here_said["files"].as_array().unwrap();
     let taken: Vec<_> = files.iter().map(|file| file["taken"].as_bool().unwrap()).collect();
     assert_eq!(taken, [true, true, true, true, false]);
@@ -116,8 +109,8 @@ async fn a_person_is_told_what_was_taken_and_what_was_not() {
         import(directory.path(), &[arguments, &["--database", database.to_str().unwrap()]].concat())
     };
     let good = run(&[named(0), named(1), named(3)]);
-    let said = text(&good.stdout);
-    assert!(good.status.success(), "{said}{}", text(&good.stderr));
+    let said = good.out;
+    assert!(good.success, "{said}{}", good.err);
     for wanted in [
         "FILE BATCH ACCEPTED DUPLICATES REJECTED STEPS TASKS",
         "events.json b1 3 0 0 120 –",
@@ -133,17 +126,17 @@ async fn a_person_is_told_what_was_taken_and_what_was_not() {
     fs::write(&cut, &fs::read(&files[0]).unwrap()[..50]).unwrap();
     fs::write(&other, "").unwrap();
     let bad = run(&[cut.to_str().unwrap(), other.to_str().unwrap(), "absent.csv", named(0)]);
-    let said = text(&bad.stdout);
-    assert!(!bad.status.success());
-    assert!(text(&bad.stderr).contains("3 of 4 files were refused"), "{}", text(&bad.stderr));
+    let said = bad.out;
+    assert!(!bad.success);
+    assert!(bad.err.contains("3 of 4 files were refused"), "{}", bad.err);
     for wanted in ["truncated_body", "ends in none of .json", "No such file", "events.json b4 0 3 0"] {
         assert!(narrow(&said).contains(wanted), "{wanted}:\n{said}");
     }
     let option = run(&[named(0), "--min-duration-s", "5"]);
-    assert!(!option.status.success() && text(&option.stdout).contains("option_not_applicable"));
-    assert!(!run(&[named(0), "--preset", "mine"]).status.success());
+    assert!(!option.success && option.out.contains("option_not_applicable"));
+    assert!(!run(&[named(0), "--preset", "mine"]).success);
     let nobody = run(&[named(0), "--model", "nobody"]);
-    assert!(text(&nobody.stderr).contains("no model is called \"nobody\""), "{}", text(&nobody.stderr));
+    assert!(nobody.err.contains("no model is called \"nobody\""), "{}", nobody.err);
 }
 
 #[tokio::test(flavor = "multi_thread")]
@@ -154,17 +147,17 @@ async fn a_database_that_a_server_owns_is_left_to_it_and_the_server_wants_a_key(
     let mut server = Server::start().await;
     let database = server.directory.path().join("headway.db");
     let owned = import(directory.path(), &[file, "--database", database.to_str().unwrap()]);
-    assert!(!owned.status.success() && text(&owned.stderr).contains("use --server URL"), "{}", text(&owned.stderr));
+    assert!(!owned.success && owned.err.contains("use --server URL"), "{}", owned.err);
     server.close_gate().await;
     let key = server.make_key(&json!({"scopes": ["ingest"]})).await;
     let path = directory.path().join("key");
     fs::write(&path, format!("{key}\n")).unwrap();
     let stranger = import(directory.path(), &[file, "--server", &server.url]);
-    assert!(!stranger.status.success() && text(&stranger.stderr).contains("401"), "{}", text(&stranger.stderr));
+    assert!(!stranger.success && stranger.err.contains("401"), "{}", stranger.err);
     let known = import(directory.path(), &[file, "--server", &server.url, "--key-file", path.to_str().unwrap()]);
-    assert!(known.status.success() && narrow(&text(&known.stdout)).contains(" b1 3 "), "{}", text(&known.stderr));
+    assert!(known.success && narrow(&known.out).contains(" b1 3 "), "{}", known.err);
     let elsewhere = import(directory.path(), &[file, "--server", &server.url, "--key", &key, "--model", "nobody"]);
-    assert!(text(&elsewhere.stderr).contains("404"), "{}", text(&elsewhere.stderr));
+    assert!(elsewhere.err.contains("404"), "{}", elsewhere.err);
     server.stop().await;
 }
 
@@ -177,8 +170,8 @@ async fn what_was_taken_before_the_server_refuses_to_go_on_is_told() {
     let key = server.make_key(&json!({"scopes": ["ingest"]})).await;
     let named: Vec<&str> = files[..3].iter().map(|file| file.to_str().unwrap()).collect();
     let stopped = import(directory.path(), &[&named[..], &["--server", &server.url, "--key", &key]].concat());
-    let (said, why) = (text(&stopped.stdout), text(&stopped.stderr));
-    assert!(!stopped.status.success());
+    let (said, why) = (stopped.out, stopped.err);
+    assert!(!stopped.success);
     assert!(said.contains(" b1 ") && said.contains(" b2 ") && !said.contains("again.jsonl.gz"), "{said}");
     assert!(why.contains("again.jsonl.gz nor a file after it was imported") && why.contains("429"), "{why}");
     server.stop().await;

@@ -1,7 +1,6 @@
 //! Models that go from one server to another as a file.
 
 use std::path::Path;
-use std::process::Command;
 
 use headway::store::verify::verify;
 use reqwest::Method;
@@ -12,6 +11,7 @@ use crate::artifact::download;
 use crate::copies::{batch, begin, fork, go_on_alike, lines, sound, went_on};
 use crate::lived::execute;
 use crate::migrations::{as_of, schemas};
+use crate::support::command::headway;
 use crate::support::events::events;
 use crate::support::server::{Answer, Server};
 
@@ -213,9 +213,8 @@ async fn what_is_corrupt_is_put_into_no_archive() {
 }
 
 fn command(arguments: &[&str]) -> (bool, Value, String) {
-    let output = Command::new(env!("CARGO_BIN_EXE_headway")).args(arguments).arg("--json").output().unwrap();
-    let said = String::from_utf8_lossy(&output.stderr).into_owned();
-    (output.status.success(), serde_json::from_slice(&output.stdout).unwrap_or_default(), said)
+    let said = headway(&[arguments, &["--json"]].concat());
+    (said.success, serde_json::from_str(&said.out).unwrap_or_default(), said.err)
 }
 
 #[tokio::test(flavor = "multi_thread")]
