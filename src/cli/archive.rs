@@ -14,6 +14,7 @@ use tokio::io::AsyncReadExt;
 use super::looking::Bar;
 use super::service::{FileBody, ServerArguments, Service};
 use super::settings;
+use super::waiting::block_on;
 use crate::lineage::ModelName;
 use crate::store::copy::{self, Archive};
 use crate::store::{Actor, Store, backup};
@@ -50,9 +51,8 @@ pub(super) struct ArchiveArguments {
 /// Moves a model into a file or out of it.
 #[expect(clippy::print_stdout, reason = "the result")]
 pub(super) fn run(arguments: &ArchiveArguments) -> anyhow::Result<()> {
-    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     let bar = Bar::new();
-    let done = runtime.block_on(moved(arguments, &bar));
+    let done = block_on(moved(arguments, &bar));
     bar.end();
     let done = done?;
     if arguments.json {

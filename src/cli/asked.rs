@@ -13,7 +13,7 @@ use crate::lineage::ModelName;
 pub(super) struct Somewhere {
     #[command(flatten)]
     pub(super) place: Place,
-    /// Print JSON, as the interface answers it
+    /// Print JSON instead of tables
     #[arg(long)]
     pub(super) json: bool,
 }
@@ -21,12 +21,12 @@ pub(super) struct Somewhere {
 /// A model somewhere.
 #[derive(Debug, Args)]
 pub(super) struct Asked {
-    /// Of which model
+    /// Which model
     #[arg(long, value_name = "NAME", default_value = "default", value_parser = ModelName::parse)]
     pub(super) model: ModelName,
     #[command(flatten)]
     pub(super) place: Place,
-    /// Print JSON, as the interface answers it
+    /// Print JSON instead of tables
     #[arg(long)]
     pub(super) json: bool,
 }
@@ -52,9 +52,4 @@ pub(super) fn print(json: bool, answer: &Value, told: impl FnOnce() -> String) -
         writeln!(out, "{}", told())?;
     }
     Ok(out.flush()?)
-}
-
-/// A runtime for a command, which mostly waits.
-pub(super) fn block_on<T>(work: impl Future<Output = anyhow::Result<T>>) -> anyhow::Result<T> {
-    tokio::runtime::Builder::new_current_thread().enable_all().build()?.block_on(work)
 }

@@ -9,6 +9,7 @@ use serde_json::json;
 
 use super::looking::Bar;
 use super::service::ServerArguments;
+use super::waiting::block_on;
 use crate::store::backup;
 
 /// What `headway backup` can be told.
@@ -33,12 +34,11 @@ pub(super) struct BackupArguments {
 /// Takes a backup and verifies it.
 #[expect(clippy::print_stdout, reason = "the result")]
 pub(super) fn run(arguments: &BackupArguments) -> anyhow::Result<()> {
-    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     let taken = match (arguments.server.service()?, &arguments.database, &arguments.to) {
-        (Some(server), ..) => runtime.block_on(server.send(Method::POST, "/v1/backup", None))?,
+        (Some(server), ..) => block_on(server.send(Method::POST, "/v1/backup", None))?,
         (None, Some(database), Some(to)) => {
             let bar = Bar::new();
-            let taken = runtime.block_on(backup::backup(database, to, arguments.force, &|looking| bar.show(looking)));
+            let taken = block_on(backup::backup(database, to, arguments.force, &|looking| bar.show(looking)));
             bar.end();
             let schema = taken?.schema;
             json!({"name": to, "bytes": std::fs::metadata(to)?.len(), "schema": schema})

@@ -6,6 +6,7 @@ use std::path::PathBuf;
 use clap::Args;
 
 use super::settings;
+use super::waiting::block_on;
 use crate::store::Store;
 
 /// What `headway compact` can be told.
@@ -24,8 +25,7 @@ pub(super) fn run(arguments: &CompactArguments) -> anyhow::Result<()> {
     let settings = settings::of_a_server(arguments.database.as_deref())?.database;
     let path = &settings.path;
     anyhow::ensure!(path.exists(), "there is no database {}", path.display());
-    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
-    let (before, after) = runtime.block_on(async {
+    let (before, after) = block_on(async {
         let store = Store::open(&settings).await?;
         let before = store.size().await?;
         store.compact().await?;

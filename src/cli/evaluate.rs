@@ -6,7 +6,7 @@ use anyhow::{Context, bail};
 use clap::Args;
 use serde_json::Value;
 
-use super::asked::{Asked, block_on};
+use super::asked::Asked;
 use super::event_file::{EventFile, EventOptions};
 use super::looking::Bar;
 use super::measures::measures;
@@ -36,12 +36,7 @@ pub(super) fn run(arguments: &EvaluateArguments) -> anyhow::Result<()> {
     let EvaluateArguments { file, asked, .. } = arguments;
     let opened = EventFile::open(file).with_context(|| format!("cannot read {}", file.display()))?;
     let bar = Bar::new();
-    let answer = block_on(async {
-        let service = asked.place.service(Opened::Known).await?;
-        let answer = ask(arguments, &service, opened, &bar).await;
-        service.close().await;
-        answer
-    });
+    let answer = asked.place.ask(Opened::Known, async |service| ask(arguments, service, opened, &bar).await);
     bar.end();
     let answer = answer?;
     asked.print(&answer, || {
@@ -59,13 +54,9 @@ pub(super) fn run(arguments: &EvaluateArguments) -> anyhow::Result<()> {
 
 async fn ask(arguments: &EvaluateArguments, service: &Service, file: EventFile, bar: &Bar) -> anyhow::Result<Value> {
     let EvaluateArguments { versions, references, options, asked, .. } = arguments;
-    let mut path = asked.path(&format!("/evaluate{}", options.query()));
-    let versions: Vec<_> = versions.iter().map(u64::to_string).collect();
-    for (name, values) in [("versions", versions), ("references", references.clone())] {
-        if !values.is_empty() {
-            path = format!("{path}&{name}={}", values.join(","));
-        }
-    }
+    let versions = versions.iter().map(u64::to_string).collect::<Vec<_>>().join(",");
+    let query = options.query_with(&[("versions", versions), ("references", references.join(","))]);
+    let path = asked.path(&format!("/evaluate{query}"));
     match service.upload(&path, file.into_body(bar)).await? {
         (true, answer) => Ok(answer),
         (false, refused) => bail!("{}: {}", text(&refused["title"]), text(&refused["detail"])),

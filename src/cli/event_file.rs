@@ -10,11 +10,11 @@ use bytes::Bytes;
 use clap::Args;
 use futures_util::{Stream, stream};
 use hyper::body::Frame;
-use serde::Serialize;
 use serde::de::DeserializeOwned;
 use serde_json::Value;
 
 use super::looking::Bar;
+use super::member::text;
 use super::service::FileBody;
 use crate::formats::{Encoding, Format, Preset};
 use crate::ingest::{SpacingKind, UploadOptions};
@@ -67,9 +67,14 @@ fn word<T: DeserializeOwned>(text: &str) -> Result<T, String> {
 }
 
 impl EventOptions {
-    /// As a query, empty or with its question mark.
+    /// As a query, with its question mark.
     pub(super) fn query(&self) -> String {
-        query(&UploadOptions {
+        self.query_with(&[])
+    }
+
+    /// As a query with further members, but for those that are empty.
+    pub(super) fn query_with(&self, others: &[(&str, String)]) -> String {
+        let options = UploadOptions {
             preset: self.preset,
             dt_s: self.dt_s,
             spacing: self.spacing,
@@ -81,7 +86,8 @@ impl EventOptions {
             max_duration_s: self.max_duration_s,
             min_spacing_m: self.min_spacing_m,
             max_spacing_m: self.max_spacing_m,
-        })
+        };
+        query(&options, others)
     }
 }
 
@@ -135,16 +141,13 @@ impl EventFile {
     }
 }
 
-/// The options that say something, as a query.
-pub(super) fn query(options: &impl Serialize) -> String {
+/// The members that say something, as a query.
+fn query(options: &UploadOptions, others: &[(&str, String)]) -> String {
     let Ok(Value::Object(members)) = serde_json::to_value(options) else { unreachable!("options are an object") };
+    let members = members.iter().map(|(name, value)| (name.as_str(), text(value)));
+    let others = others.iter().map(|(name, value)| (*name, value.clone()));
     let mut query = String::new();
-    for (name, value) in members {
-        let text = match value {
-            Value::Null => continue,
-            Value::String(text) => text,
-            other => other.to_string(),
-        };
+    for (name, text) in members.chain(others).filter(|(_, text)| !text.is_empty()) {
         query.push(if query.is_empty() { '?' } else { '&' });
         write!(query, "{name}={}", encoded(&text)).expect("memory");
     }
@@ -173,6 +176,10 @@ mod tests {
             UploadOptions {
                 source: Some("a b&c=ü".to_owned()), min_duration_s: Some(5.5), ..UploadOptions::default()
             };
-        assert_eq!(query(&options), "?min_duration_s=5.5&preset=headway&source=a%20b%26c%3D%C3%BC&spacing=net");
+        let others = [("versions", "1,2".to_owned()), ("references", String::new())];
+        assert_eq!(
+            query(&options, &others),
+            "?min_duration_s=5.5&preset=headway&source=a%20b%26c%3D%C3%BC&spacing=net&versions=1%2C2"
+        );
     }
 }

@@ -18,6 +18,7 @@ use tokio_rustls::rustls::pki_types::{CertificateDer, ServerName, UnixTime};
 use tokio_rustls::rustls::{ClientConfig, DigitallySignedStruct, Error, SignatureScheme};
 
 use super::settings;
+use super::waiting::block_on;
 
 /// What `headway healthy` can be told.
 #[derive(Debug, Args)]
@@ -40,9 +41,8 @@ pub(super) fn run(arguments: &HealthyArguments) -> anyhow::Result<()> {
         Some(url) => vec![url.trim_end_matches('/').to_owned()],
         None => places()?.to_vec(),
     };
-    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     let within = Duration::from_secs_f64(arguments.within);
-    runtime.block_on(async {
+    block_on(async {
         tokio::time::timeout(within, ready(&places)).await.with_context(|| format!("no answer within {within:?}"))?
     })
 }

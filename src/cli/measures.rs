@@ -2,8 +2,8 @@
 
 use serde_json::Value;
 
-use super::member::text;
-use super::table::{number, table};
+use super::member::{number, text};
+use super::table::table;
 
 /// A row for each regime of each, where `who` names them: `tasks` of an evaluation.
 pub(super) fn measures(of: &[(String, &Value)]) -> String {

@@ -62,6 +62,8 @@ mod train;
 mod verify;
 /// What was learned.
 mod versions;
+/// What a command waits for.
+mod waiting;
 
 use clap::{CommandFactory, Parser, Subcommand};
 

@@ -3,10 +3,10 @@
 use clap::{Args, Subcommand};
 use serde_json::{Map, Value, json};
 
-use super::asked::{Somewhere, block_on, print};
-use super::member::text;
+use super::asked::{Somewhere, print};
+use super::member::{text, time};
 use super::service::Opened;
-use super::table::{table, time};
+use super::table::table;
 use super::train::setting;
 use crate::lineage::ModelName;
 
@@ -49,12 +49,7 @@ pub(super) fn run(arguments: &ModelsArguments) -> anyhow::Result<()> {
 }
 
 fn list(of: &Somewhere) -> anyhow::Result<()> {
-    let models = block_on(async {
-        let service = of.place.service(Opened::Known).await?;
-        let models = service.list("/v1/models", "models").await;
-        service.close().await;
-        models
-    })?;
+    let models = of.place.ask(Opened::Known, async |service| service.list("/v1/models", "models").await)?;
     print(of.json, &json!({"models": models}), || {
         let rows = models.iter().map(|model| {
             let state = if model["paused"] == true { "paused".to_owned() } else { String::new() };
@@ -69,11 +64,6 @@ fn create(arguments: &CreateArguments) -> anyhow::Result<()> {
     let CreateArguments { name, method, settings, of } = arguments;
     let settings = Value::Object(settings.iter().cloned().collect::<Map<_, _>>());
     let wish = json!({"model": name, "method": method, "settings": settings});
-    let made: Value = block_on(async {
-        let service = of.place.service(Opened::Made).await?;
-        let made = service.post("/v1/models", &wish).await;
-        service.close().await;
-        made
-    })?;
+    let made: Value = of.place.ask(Opened::Made, async |service| service.post("/v1/models", &wish).await)?;
     print(of.json, &made, || format!("the model {name} is there, and has learned nothing yet"))
 }

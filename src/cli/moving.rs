@@ -3,7 +3,7 @@
 use clap::Args;
 use serde_json::{Value, json};
 
-use super::asked::{Asked, block_on};
+use super::asked::Asked;
 use super::member::text;
 use super::service::Opened;
 
@@ -52,12 +52,7 @@ pub(super) fn rollback(arguments: &RollbackArguments) -> anyhow::Result<()> {
 fn make_move(way: &str, version: Option<u64>, why: &Why) -> anyhow::Result<()> {
     let Why { reason, force, asked } = why;
     let wish = json!({"version": version, "reason": reason, "force": force});
-    let moved: Value = block_on(async {
-        let service = asked.place.service(Opened::Known).await?;
-        let moved = service.post(&asked.path(way), &wish).await;
-        service.close().await;
-        moved
-    })?;
+    let moved: Value = asked.place.ask(Opened::Known, async |service| service.post(&asked.path(way), &wish).await)?;
     asked.print(&moved, || {
         let [from, live, head] = ["from", "live", "head"].map(|member| text(&moved[member]));
         let from = if from.is_empty() { String::new() } else { format!(" instead of {from}") };

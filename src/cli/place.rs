@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 
 use super::service::{Opened, ServerArguments, Service};
+use super::waiting::block_on;
 
 /// A database file or a server.
 #[derive(Debug, Args)]
@@ -17,12 +18,21 @@ pub(super) struct Place {
 }
 
 impl Place {
-    /// What answers there; a database is opened as said.
-    pub(super) async fn service(&self, opened: Opened) -> anyhow::Result<Service> {
-        match self.server()? {
-            Some(server) => Ok(server),
-            None => Service::inside(self.database(), opened).await,
-        }
+    /// Asks what answers there; a database is opened as said, and closed again.
+    pub(super) fn ask<T>(
+        &self,
+        opened: Opened,
+        ask: impl AsyncFnOnce(&Service) -> anyhow::Result<T>,
+    ) -> anyhow::Result<T> {
+        block_on(async {
+            let service = match self.server()? {
+                Some(server) => server,
+                None => Service::inside(self.database(), opened).await?,
+            };
+            let asked = ask(&service).await;
+            service.close().await;
+            asked
+        })
     }
 
     /// The server, where one is named.

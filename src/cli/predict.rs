@@ -7,10 +7,10 @@ use anyhow::Context;
 use clap::Args;
 use serde_json::{Value, json};
 
-use super::asked::{Asked, block_on};
-use super::member::text;
+use super::asked::Asked;
+use super::member::{number, text};
 use super::service::Opened;
-use super::table::{number, table};
+use super::table::table;
 
 /// What `headway predict` can be told.
 #[derive(Debug, Args)]
@@ -60,12 +60,7 @@ fn ask(asked: &Asked, way: &str, mut wish: Value, version: Option<u64>) -> anyho
     if let (Some(version), Some(wish)) = (version, wish.as_object_mut()) {
         wish.insert("version".to_owned(), json!(version));
     }
-    block_on(async {
-        let service = asked.place.service(Opened::Known).await?;
-        let answer = service.post(&asked.path(way), &wish).await;
-        service.close().await;
-        answer
-    })
+    asked.place.ask(Opened::Known, async |service| service.post(&asked.path(way), &wish).await)
 }
 
 /// Predicts the next acceleration of each window.

@@ -6,6 +6,7 @@ use clap::Args;
 use serde_json::json;
 
 use super::looking::Bar;
+use super::waiting::block_on;
 use crate::store::backup;
 
 /// What `headway restore` can be told.
@@ -28,10 +29,9 @@ pub(super) struct RestoreArguments {
 /// Verifies a backup and puts it in the place of a database.
 #[expect(clippy::print_stdout, reason = "the result")]
 pub(super) fn run(arguments: &RestoreArguments) -> anyhow::Result<()> {
-    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     let bar = Bar::new();
     let RestoreArguments { from, database, discard, json } = arguments;
-    let restored = runtime.block_on(backup::restore(from, database, !discard, &|looking| bar.show(looking)));
+    let restored = block_on(backup::restore(from, database, !discard, &|looking| bar.show(looking)));
     bar.end();
     let (verified, kept) = restored?;
     if *json {

@@ -2,9 +2,6 @@
 
 use comfy_table::presets::NOTHING;
 use comfy_table::{CellAlignment, Table};
-use serde_json::Value;
-
-use super::member::text;
 
 /// What stands for nothing.
 const NONE: &str = "–";
@@ -31,20 +28,6 @@ pub(super) fn table(head: &[&str], rows: Vec<Vec<String>>) -> String {
     table.lines().map(|line| line.trim_end().to_owned()).collect::<Vec<_>>().join("\n")
 }
 
-/// A number with this many digits behind the point; what is none, as [`text`] has it.
-pub(super) fn number(value: &Value, digits: usize) -> String {
-    value.as_f64().map_or_else(|| text(value), |value| format!("{value:.digits$}"))
-}
-
-/// A time to the second.
-pub(super) fn time(value: &Value) -> String {
-    let text = text(value);
-    match text.split_once('.') {
-        Some((seconds, _)) => format!("{seconds}Z"),
-        None => text,
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -57,12 +40,5 @@ mod tests {
             table(&["REGIME", "ERROR", "STATE"], rows),
             "REGIME        ERROR  STATE\nfast           1.50  –\nslow traffic  12.25  live"
         );
-    }
-
-    #[test]
-    fn numbers_and_times_are_short() {
-        assert_eq!(number(&serde_json::json!(1.23456), 2), "1.23");
-        assert_eq!(number(&Value::Null, 2), "");
-        assert_eq!(time(&serde_json::json!("2026-11-27T06:17:53.252027Z")), "2026-11-27T06:17:53Z");
     }
 }

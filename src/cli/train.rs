@@ -1,11 +1,11 @@
 //! `headway train`: what waits is learned now, and the version that came of it is told.
 
-use anyhow::{anyhow, bail};
+use anyhow::bail;
 use clap::Args;
 use serde_json::{Map, Value, json};
 
 use super::advance::Progress;
-use super::asked::{Asked, block_on};
+use super::asked::Asked;
 use super::measures::measures;
 use super::member::text;
 use super::serve::signals;
@@ -39,15 +39,12 @@ pub(super) fn setting(text: &str) -> Result<(String, Value), String> {
 
 /// Learns, and fails unless a version came of it.
 pub(super) fn run(arguments: &TrainArguments) -> anyhow::Result<()> {
-    block_on(async {
-        let service = arguments.asked.place.service(Opened::Learning).await?;
+    arguments.asked.place.ask(Opened::Learning, async |service| {
         let interrupted = signals()?;
-        let trained = tokio::select! {
-            trained = train(arguments, &service) => trained,
-            () = interrupted => Err(anyhow!("interrupted; {}", service.goes_on())),
-        };
-        service.close().await;
-        trained
+        tokio::select! {
+            trained = train(arguments, service) => trained,
+            () = interrupted => bail!("interrupted; {}", service.goes_on()),
+        }
     })
 }
 

@@ -7,6 +7,7 @@ use clap::Args;
 use serde::Serialize;
 
 use super::looking::Bar;
+use super::waiting::block_on;
 use crate::lineage::ModelName;
 use crate::scheduler::{MOST_THREADS, Retrained, retrain};
 use crate::store::Store;
@@ -61,9 +62,8 @@ struct Again {
 
 /// Verifies, and fails unless everything is as it must be.
 pub(super) fn run(arguments: &VerifyArguments) -> anyhow::Result<()> {
-    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     let bar = Bar::new();
-    let (verification, retrained) = runtime.block_on(async {
+    let (verification, retrained) = block_on(async {
         let verification = verify(&arguments.database, &|looking| bar.show(looking)).await?;
         let mut retrained = Vec::new();
         if !arguments.retrain.is_empty() {

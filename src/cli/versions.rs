@@ -3,11 +3,11 @@
 use clap::Args;
 use serde_json::{Value, json};
 
-use super::asked::{Asked, block_on};
+use super::asked::Asked;
 use super::measures::measures;
-use super::member::text;
+use super::member::{number, text, time};
 use super::service::{Opened, Service};
-use super::table::{number, table, time};
+use super::table::table;
 
 /// What `headway versions` can be told.
 #[derive(Debug, Args)]
@@ -21,14 +21,10 @@ pub(super) struct VersionsArguments {
 
 /// Lists versions, or tells of one.
 pub(super) fn run(arguments: &VersionsArguments) -> anyhow::Result<()> {
-    block_on(async {
-        let service = arguments.asked.place.service(Opened::Known).await?;
-        let told = match arguments.version {
-            None => list(&arguments.asked, &service).await,
-            Some(version) => one(&arguments.asked, &service, version).await,
-        };
-        service.close().await;
-        told
+    let VersionsArguments { version, asked } = arguments;
+    asked.place.ask(Opened::Known, async |service| match version {
+        None => list(asked, service).await,
+        Some(version) => one(asked, service, *version).await,
     })
 }
 

@@ -1,5 +1,4 @@
-//! `headway export`: events, evaluations and versions into files, as a server hands them out; events also out of a database
-//! that nobody serves.
+//! `headway export`: events, evaluations and versions into files, as a server hands them out.
 
 use std::ffi::OsStr;
 use std::io::Write;
@@ -10,10 +9,8 @@ use clap::{Args, Subcommand};
 use serde_json::json;
 use tempfile::NamedTempFile;
 
-use super::asked::block_on;
-use super::place::Place;
+use super::asked::Asked;
 use super::service::Opened;
-use crate::lineage::ModelName;
 
 /// What `headway export` can be told.
 #[derive(Debug, Args)]
@@ -52,9 +49,6 @@ struct VersionArguments {
 
 #[derive(Debug, Args)]
 struct Common {
-    /// Of which model
-    #[arg(long, value_name = "NAME", default_value = "default", value_parser = ModelName::parse)]
-    model: ModelName,
     /// The file that is written; its name says in what form, unless --format does
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
@@ -62,10 +56,7 @@ struct Common {
     #[arg(long, value_name = "NAME")]
     format: Option<String>,
     #[command(flatten)]
-    place: Place,
-    /// Print one JSON object
-    #[arg(long)]
-    json: bool,
+    asked: Asked,
 }
 
 /// Writes the file.
@@ -73,54 +64,36 @@ struct Common {
 /// # Errors
 /// When it cannot be made; nothing is left under its name then, or what was there before.
 pub(super) fn run(arguments: &ExportArguments) -> anyhow::Result<()> {
-    block_on(export(&arguments.what))
-}
-
-async fn export(what: &What) -> anyhow::Result<()> {
-    let (common, thing, forms): (_, _, &[&str]) = match what {
+    let (common, thing, forms): (_, _, &[&str]) = match &arguments.what {
         What::Events(EventsArguments { batch, common }) => {
-            (common, format!("batches/{batch}/events"), &["ndjson", "csv", "parquet"])
+            (common, format!("/batches/{batch}/events"), &["ndjson", "csv", "parquet"])
         }
         What::Evaluation(VersionArguments { version, common }) => {
-            (common, format!("versions/{version}/evaluation"), &["json", "csv", "parquet"])
+            (common, format!("/versions/{version}/evaluation"), &["json", "csv", "parquet"])
         }
         What::Version(VersionArguments { version, common }) => {
-            (common, format!("versions/{version}/artifact"), &["safetensors", "onnx", "sumo"])
+            (common, format!("/versions/{version}/artifact"), &["safetensors", "onnx", "sumo"])
         }
     };
-    let form = match &common.format {
-        Some(named) => *forms
-            .iter()
-            .find(|form| *form == named)
-            .with_context(|| format!("--format is one of {}", forms.join(", ")))?,
-        None => form(&common.out, forms)?,
-    };
-    let mut file = beside(&common.out)?;
-    let path = format!("/v1/models/{}/{thing}?format={form}", common.model);
-    let service = common.place.service(Opened::Known).await?;
-    let written = service.download(&path, file.as_file_mut()).await;
-    service.close().await;
-    written?;
+    let Common { out, format, asked } = common;
+    let form = form(out, format.as_deref(), forms)?;
+    let mut file = beside(out)?;
+    let path = asked.path(&format!("{thing}?format={form}"));
+    asked.place.ask(Opened::Known, async |service| service.download(&path, file.as_file_mut()).await)?;
     file.as_file_mut().flush()?;
     file.as_file().sync_all()?;
     let bytes = file.as_file().metadata()?.len();
-    file.persist(&common.out).with_context(|| format!("cannot write {}", common.out.display()))?;
-    let shown = common.out.display().to_string();
-    let mut told = std::io::stdout();
-    if common.json {
-        writeln!(told, "{}", json!({"file": shown, "format": form, "bytes": bytes}))?;
-    } else {
-        writeln!(told, "{shown}: {bytes} bytes")?;
-    }
-    Ok(())
+    file.persist(out).with_context(|| format!("cannot write {}", out.display()))?;
+    asked.print(&json!({"file": out, "format": form, "bytes": bytes}), || format!("{}: {bytes} bytes", out.display()))
 }
 
-/// The form that the file's name says.
-fn form<'f>(out: &Path, forms: &[&'f str]) -> anyhow::Result<&'f str> {
+/// The form that is named, else the one that the file's name says.
+fn form<'f>(out: &Path, named: Option<&str>, forms: &[&'f str]) -> anyhow::Result<&'f str> {
     let extension = out.extension().and_then(OsStr::to_str).unwrap_or_default();
-    match forms.iter().find(|form| **form == extension) {
-        Some(form) => Ok(form),
-        None => bail!("the name of --out is to end in one of .{}", forms.join(", .")),
+    match (forms.iter().find(|form| **form == named.unwrap_or(extension)), named) {
+        (Some(form), _) => Ok(form),
+        (None, Some(_)) => bail!("--format is one of {}", forms.join(", ")),
+        (None, None) => bail!("the name of --out is to end in one of .{}", forms.join(", .")),
     }
 }
 

@@ -13,12 +13,10 @@ use futures_util::Stream;
 use hyper::body::Frame;
 use serde_json::{Map, Value, json};
 
-use super::asked::block_on;
+use super::asked::Asked;
 use super::event_file::{EventFile, EventOptions};
 use super::looking::Bar;
-use super::place::Place;
 use super::service::{FileBody, Opened, Service};
-use crate::lineage::ModelName;
 use report::{Outcome, Report};
 
 /// What `headway import` can be told.
@@ -28,25 +26,19 @@ pub(super) struct ImportArguments {
     /// FCD), each also with .gz or .zst behind it
     #[arg(value_name = "FILE", required = true)]
     files: Vec<PathBuf>,
-    /// Into which model
-    #[arg(long, value_name = "NAME", default_value = "default", value_parser = ModelName::parse)]
-    model: ModelName,
     #[command(flatten)]
     options: EventOptions,
     #[command(flatten)]
-    place: Place,
-    /// Print one JSON object instead of tables
-    #[arg(long)]
-    json: bool,
+    asked: Asked,
 }
 
 /// Imports every file, and fails unless all were taken.
 pub(super) fn run(arguments: &ImportArguments) -> anyhow::Result<()> {
-    let mut outcomes = Vec::new();
-    let ended = block_on(import(arguments, &mut outcomes));
+    let (asked, mut outcomes) = (&arguments.asked, Vec::new());
+    let ended = asked.place.ask(Opened::Made, async |service| import(arguments, service, &mut outcomes).await);
     // What was taken before something failed stays taken, and is told.
     if ended.is_ok() || !outcomes.is_empty() {
-        Report { model: &arguments.model, outcomes: &outcomes }.print(arguments.json)?;
+        Report { model: &asked.model, outcomes: &outcomes }.print(asked.json)?;
     }
     ended?;
     match outcomes.iter().filter(|(_, outcome)| outcome.is_refusal()).count() {
@@ -56,14 +48,17 @@ pub(super) fn run(arguments: &ImportArguments) -> anyhow::Result<()> {
 }
 
 /// Imports one file after the other, and ends when something fails that is not the file's.
-async fn import(arguments: &ImportArguments, outcomes: &mut Vec<(PathBuf, Outcome)>) -> anyhow::Result<()> {
-    let ImportArguments { files, model, options, place, .. } = arguments;
-    let service = place.service(Opened::Made).await?;
-    let to = format!("/v1/models/{model}/batches{}", options.query());
+async fn import(
+    arguments: &ImportArguments,
+    service: &Service,
+    outcomes: &mut Vec<(PathBuf, Outcome)>,
+) -> anyhow::Result<()> {
+    let ImportArguments { files, options, asked } = arguments;
+    let to = asked.path(&format!("/batches{}", options.query()));
     let (bar, mut ended) = (Bar::new(), Ok(()));
     for path in files {
         let outcome = match EventFile::open(path) {
-            Ok(file) => take(&service, &to, file.into_body(&bar)).await,
+            Ok(file) => take(service, &to, file.into_body(&bar)).await,
             Err(error) => Ok(Outcome::Refused(json!({"code": "unreadable_file", "detail": format!("{error:#}")}))),
         };
         match outcome {
@@ -75,7 +70,6 @@ async fn import(arguments: &ImportArguments, outcomes: &mut Vec<(PathBuf, Outcom
         }
     }
     bar.end();
-    service.close().await;
     ended
 }
 

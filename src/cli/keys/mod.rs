@@ -12,9 +12,10 @@ use clap::{Args, Subcommand};
 use jiff::{SpanRelativeTo, Timestamp};
 use serde_json::Value;
 
-use super::asked::{Somewhere, block_on, print};
-use super::member::text;
-use super::table::{table, time};
+use super::asked::{Somewhere, print};
+use super::member::{text, time};
+use super::table::table;
+use super::waiting::block_on;
 use crate::access::{KeyWish, Scope};
 use crate::lineage::ModelName;
 use local::Database;
