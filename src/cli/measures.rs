@@ -9,7 +9,6 @@ use super::table::table;
 pub(super) fn measures(of: &[(String, &Value)]) -> String {
     let rows = of.iter().flat_map(|(who, tasks)| {
         tasks.as_array().into_iter().flatten().map(move |task| {
-            let forgetting = number(&task["forgetting_ratio"], 2);
             vec![
                 who.clone(),
                 text(&task["regime"]),
@@ -17,7 +16,7 @@ pub(super) fn measures(of: &[(String, &Value)]) -> String {
                 number(&task["spacing_mse"], 3),
                 number(&task["speed_mse"], 4),
                 number(&task["collision_rate_percent"], 1),
-                forgetting,
+                number(&task["forgetting_ratio"], 2),
             ]
         })
     });
