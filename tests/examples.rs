@@ -4,12 +4,9 @@
 #![expect(clippy::print_stderr, reason = "says what was not there to look with")]
 
 use std::collections::BTreeSet;
-use std::fmt::Write;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
-
-use headway::car_following::{TrafficRegime, TrafficSettings, generate};
 
 #[path = "support/binary.rs"]
 #[expect(dead_code, reason = "other tests want its log, or its process")]
@@ -28,19 +25,12 @@ fn examples() -> Vec<PathBuf> {
     found
 }
 
-/// What `examples/generate_traffic.rs` writes.
-fn traffic(regime: TrafficRegime) -> String {
-    let mut csv = "event_id,source,run,t,spacing_m,follower_speed_mps,leader_speed_mps\n".to_owned();
-    for generated in generate(regime, 42, 24, &TrafficSettings::default()) {
-        let event = &generated.event;
-        let states = event.spacing_m().iter().zip(event.follower_speed_mps()).zip(event.leader_speed_mps());
-        for (step, ((spacing, follower), leader)) in states.enumerate() {
-            let (name, source, run) = (&generated.event_id, &generated.source, &generated.run);
-            let t = step as f64 * event.dt_s();
-            writeln!(csv, "{name},{source},{run},{t:.3},{spacing},{follower},{leader}").unwrap();
-        }
-    }
-    csv
+/// What `headway generate` prints.
+fn traffic(regime: &str) -> Vec<u8> {
+    let said =
+        Command::new(env!("CARGO_BIN_EXE_headway")).args(["generate", regime, "--events", "24"]).output().unwrap();
+    assert!(said.status.success(), "{}", String::from_utf8_lossy(&said.stderr));
+    said.stdout
 }
 
 /// Method and path template of every call that was answered well, as the server counted them.
@@ -68,8 +58,8 @@ fn the_examples_make_every_call_of_the_contract_and_none_fails() {
     }
     let directory = tempfile::tempdir().unwrap();
     let file = |name: &str| directory.path().join(name);
-    for (name, regime) in [("fast.csv", TrafficRegime::Fast), ("slow.csv", TrafficRegime::Slow)] {
-        fs::write(file(name), traffic(regime)).unwrap();
+    for regime in ["fast", "slow"] {
+        fs::write(file(&format!("{regime}.csv")), traffic(regime)).unwrap();
     }
     let (database, backups) = (file("headway.db"), format!("backup.folder={}", file("backups").display()));
     let place = ["--listen", "127.0.0.1:0", "--database", database.to_str().unwrap(), "--set", &backups];

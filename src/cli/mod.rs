@@ -20,6 +20,8 @@ mod evaluate;
 mod event_file;
 /// Files out of a model.
 mod export;
+/// Made-up events.
+mod generate;
 /// Whether a server can serve.
 mod healthy;
 /// Event files into a model.
@@ -85,6 +87,8 @@ enum Command {
     Demo(demo::DemoArguments),
     /// Repeat the paper's experiment on event files: methods learned task by task, tables, intervals, figures.
     Reproduce(reproduce::ReproduceArguments),
+    /// Print made-up events, to try things with.
+    Generate(generate::GenerateArguments),
     /// Take events from files into a model, as an upload does.
     Import(import::ImportArguments),
     /// Learn what is pending, and tell what came of it.
@@ -138,6 +142,7 @@ pub fn run() -> anyhow::Result<()> {
         Command::Serve(arguments) => serve::run(&arguments),
         Command::Demo(arguments) => demo::run(&arguments),
         Command::Reproduce(arguments) => reproduce::run(&arguments),
+        Command::Generate(arguments) => generate::run(&arguments),
         Command::Import(arguments) => import::run(&arguments),
         Command::Train(arguments) => train::run(&arguments),
         Command::Versions(arguments) => versions::run(&arguments),

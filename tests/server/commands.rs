@@ -218,3 +218,18 @@ fn shells_and_man_know_every_command() {
     }
     assert!(nowhere.run(&["manual"]).done().contains("headway"));
 }
+
+#[test]
+fn traffic_is_made_up_alike_by_the_same_seed_and_is_taken_as_it_is() {
+    let (folder, nowhere) = (tempfile::tempdir().unwrap(), Place(&[]));
+    let made = |seed: &str| nowhere.run(&["generate", "slow", "--events", "3", "--seed", seed]).done();
+    assert_eq!(made("7"), made("7"));
+    assert_ne!(made("7"), made("8"));
+    let database = folder.path().join("headway.db");
+    let file = written(folder.path(), "slow.csv", made("7").as_bytes());
+    let taken =
+        Place(&["--database", database.to_str().unwrap()]).run(&["import", &file, "--regime", "slow", "--json"]).json();
+    let receipt = &taken["files"][0]["receipt"];
+    assert_eq!((&receipt["accepted"], &receipt["rejected_count"]), (&json!(3), &json!(0)), "{taken}");
+    assert!(nowhere.run(&["generate", "slow", "--events", "0"]).refused().contains("1..=100000"));
+}
