@@ -6,7 +6,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from network import STEP_S
+from network import FREE_MPS, STEP_S
+
+# Of SUMO's speed modes: what is commanded is driven; everything on, as it is by itself.
+ALL_OFF, ALL_ON = 32, 31
 
 
 @dataclass(frozen=True)
@@ -23,23 +26,28 @@ class Scripted:
         """Before the simulation's step that ends at `step`."""
         now_s = step * STEP_S
         if self.from_s <= now_s < self.until_s:
+            vehicle.setSpeedMode(self.vehicle, ALL_OFF)
             now_mps, most = vehicle.getSpeed(self.vehicle), self.rate_mps2 * STEP_S
             vehicle.setSpeed(self.vehicle, now_mps + min(max(self.to_mps - now_mps, -most), most))
         elif 0 <= now_s - self.until_s < STEP_S:
+            vehicle.setSpeedMode(self.vehicle, ALL_ON)
             vehicle.setSpeed(self.vehicle, -1)
 
 
-ONE_BRAKES = (Scripted("v0", 60.0, 64.0, 3.0, 0.0),)
-"""For comparisons on the ring: one vehicle brakes to a stop."""
+def one_brakes(seed: int) -> Scripted:
+    """For comparisons on the ring: after a minute or so one vehicle brakes to a stop."""
+    random = np.random.default_rng(seed)
+    from_s = 60.0 + random.uniform(0.0, 5.0)
+    return Scripted(f"v{random.integers(22)}", from_s, from_s + 4.0, 3.0, 0.0)
 
 
-def wandering_leader(end_s: float, most_mps: float, seed: int) -> tuple[Scripted, ...]:
+def wandering(leader: str, end_s: float, seed: int) -> tuple[Scripted, ...]:
     """The first of a platoon goes from speed to speed, now and then to a stop, gently or hard."""
     random = np.random.default_rng(seed)
-    script, now_s = [], 5.0
+    script, now_s = [], 0.1
     while now_s < end_s:
-        until_s = now_s + random.uniform(5.0, 20.0)
-        to_mps = 0.0 if random.random() < 0.2 else random.uniform(1.0, most_mps)
-        script.append(Scripted("v0", now_s, until_s, random.uniform(0.5, 4.0), to_mps))
+        until_s = now_s + random.uniform(3.0, 15.0)
+        to_mps = 0.0 if random.random() < 0.2 else FREE_MPS * random.random() ** 2
+        script.append(Scripted(leader, now_s, until_s, random.uniform(0.5, 6.0), to_mps))
         now_s = until_s
     return tuple(script)

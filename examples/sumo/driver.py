@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from headway import HeadwayError, Model
-from network import MIN_GAP_M, STEP_S
+from merging import COURTESY_MPS2, those_who_join
+from network import MIN_GAP_M, SIGHT_M, STEP_S, Road
 
-SIGHT_M = 100.0
-"""Leaders further ahead are none."""
+from headway import HeadwayError, Model
 
 # Of SUMO's speed modes: everything off, so that what is commanded is driven, and collisions are ours;
 # and everything on.
@@ -34,8 +33,32 @@ class Counts:
     free: int = 0
     """By SUMO: nobody in sight ahead, or too short a past."""
     elsewhere: int = 0
-    """By SUMO: on the ramp, and on the two lanes where it joins, where following is not all there is to do."""
+    """By SUMO: on the ramp and the acceleration lane, where following is not all there is to do."""
+    courteous: int = 0
+    """Of those driven, where room was made for somebody who joins."""
     calls_s: list[float] = field(default_factory=list)
+
+    def figures(self) -> dict[str, float]:
+        """For a table."""
+        steps = max(self.driven + self.fallback + self.free + self.elsewhere, 1)
+        who = {"driven": self.driven, "fallback": self.fallback, "free": self.free, "elsewhere": self.elsewhere}
+        what = {"envelope": self.limited, "speed limit": self.capped, "courtesy": self.courteous}
+        calls_ms = 1000 * np.asarray(self.calls_s)
+        return {
+            **{f"{name}, % of steps": 100 * count / steps for name, count in who.items()},
+            **{f"{name} acted, % of driven": 100 * count / max(self.driven, 1) for name, count in what.items()},
+            "a call, median, ms": float(np.percentile(calls_ms, 50)),
+            "a call, p99, ms": float(np.percentile(calls_ms, 99)),
+        }
+
+
+class Pair(NamedTuple):
+    """A follower, a leader, and the room between them."""
+
+    follower: str
+    leader: str
+    spacing_m: float
+    """Bumper to bumper."""
 
 
 class Histories:
@@ -65,22 +88,22 @@ class Histories:
         self.speeds[rows, -1] = np.fromiter(speeds.values(), np.float32, len(speeds))
         self.known[rows] += 1
 
-    def is_long(self, name: str) -> bool:
+    def are_long(self, *names: str) -> bool:
         """Whether a window can be filled."""
-        return bool(self.known[self.rows[name]] >= self.horizon)
+        return all(name in self.rows and self.known[self.rows[name]] >= self.horizon for name in names)
 
-    def windows(self, followers: list[str], leaders: list[str], spacings_m: list[float]) -> npt.NDArray[np.float32]:
+    def windows(self, pairs: list[Pair]) -> npt.NDArray[np.float32]:
         """Windows `[n, horizon, 4]`.
 
         Spacings before now are told from both speeds, whoever was the leader then: on one lane
         `s(t-1) = s(t) - dt (leader speed - follower speed)`, means within the step, as SUMO's ballistic update has it.
         """
-        own = self.speeds[[self.rows[name] for name in followers]]
-        ahead = self.speeds[[self.rows[name] for name in leaders]]
+        own = self.speeds[[self.rows[pair.follower] for pair in pairs]]
+        ahead = self.speeds[[self.rows[pair.leader] for pair in pairs]]
         closing = ahead - own
         gained = STEP_S * (closing[:, 1:] + closing[:, :-1]) / 2
         later = np.cumsum(gained[:, ::-1], axis=1)[:, ::-1]
-        now = np.asarray(spacings_m, np.float32)[:, None]
+        now = np.asarray([pair.spacing_m for pair in pairs], np.float32)[:, None]
         spacing = np.concatenate([now - later, now], axis=1)
         return np.stack([own, ahead, closing, spacing], axis=2)
 
@@ -88,61 +111,76 @@ class Histories:
 class Driver:
     """A server's model at the wheel."""
 
-    def __init__(self, model: Model, horizon: int, driven_lanes: frozenset[str], *, envelope: bool) -> None:
-        self.model, self.lanes, self.envelope = model, driven_lanes, envelope
+    def __init__(self, model: Model, horizon: int, road: Road, *, envelope: bool) -> None:
+        self.model, self.road, self.envelope = model, road, envelope
         self.histories = Histories(horizon)
         self.commanded: set[str] = set()
         self.counts = Counts()
 
     def step(self, vehicle: Any) -> None:
         """Commands what every vehicle drives next; `vehicle` is libsumo's or traci's module of that name."""
-        names = list(vehicle.getIDList())
-        speeds = {name: vehicle.getSpeed(name) for name in names}
+        lanes = {name: vehicle.getLaneID(name) for name in vehicle.getIDList()}
+        speeds = {name: vehicle.getSpeed(name) for name in lanes}
         self.histories.add(speeds)
-        followers, leaders, spacings = self._pairs(vehicle, names)
+        pairs = self._pairs(vehicle, lanes)
+        joining = self._joining(vehicle, lanes, {pair.follower for pair in pairs})
         try:
             began = time.perf_counter()
-            accels = self._ask(followers, leaders, spacings)
+            accels = self._ask(pairs, joining)
             self.counts.calls_s.append(time.perf_counter() - began)
         except HeadwayError:
-            self.counts.fallback += len(followers)
-            followers, accels = [], np.zeros(0)
-        for name in self.commanded - set(followers):
+            self.counts.fallback += len(pairs)
+            accels = {}
+        self.counts.driven += len(accels)
+        for name in self.commanded - accels.keys():
             if name in speeds:
                 vehicle.setSpeedMode(name, OWN)
                 vehicle.setSpeed(name, -1)
-        for name, accel in zip(followers, accels.tolist(), strict=True):
-            if name not in self.commanded:
-                vehicle.setSpeedMode(name, COMMANDED)
+        for name, accel in accels.items():
+            vehicle.setSpeedMode(name, COMMANDED)
             wished_mps, allowed_mps = speeds[name] + STEP_S * accel, vehicle.getAllowedSpeed(name)
             self.counts.capped += wished_mps > allowed_mps
             vehicle.setSpeed(name, min(max(0.0, wished_mps), max(allowed_mps, speeds[name] - STEP_S)))
-        self.commanded = set(followers)
-        self.counts.driven += len(followers)
+        self.commanded = set(accels)
 
-    def _pairs(self, vehicle: Any, names: list[str]) -> tuple[list[str], list[str], list[float]]:
-        """Who is driven behind whom, and the net spacing."""
-        followers, leaders, spacings = [], [], []
-        for name in names:
-            if vehicle.getLaneID(name) not in self.lanes:
+    def _pairs(self, vehicle: Any, lanes: dict[str, str]) -> list[Pair]:
+        """Who is driven behind whom."""
+        pairs = []
+        for name, lane in lanes.items():
+            if lane not in self.road.driven_lanes:
                 self.counts.elsewhere += 1
                 continue
             found = vehicle.getLeader(name, SIGHT_M)
-            if not found or not found[0] or found[0] not in self.histories.rows or found[1] > SIGHT_M:
-                self.counts.free += 1
-            elif self.histories.is_long(name) and self.histories.is_long(found[0]):
-                followers.append(name)
-                leaders.append(found[0])
-                # What SUMO calls the gap leaves out the follower's minGap.
-                spacings.append(found[1] + MIN_GAP_M)
+            # What SUMO calls the gap leaves out the follower's minGap.
+            if found and found[0] and found[1] + MIN_GAP_M <= SIGHT_M and self.histories.are_long(name, found[0]):
+                pairs.append(Pair(name, found[0], found[1] + MIN_GAP_M))
             else:
                 self.counts.free += 1
-        return followers, leaders, spacings
+        return pairs
 
-    def _ask(self, followers: list[str], leaders: list[str], spacings_m: list[float]) -> npt.NDArray[np.float32]:
-        if not followers:
-            return np.zeros(0, np.float32)
-        windows = self.histories.windows(followers, leaders, spacings_m)
-        predicted = self.model.predict(windows)
-        self.counts.limited += int(predicted.limited.sum())
-        return predicted.accel_mps2 if self.envelope else predicted.raw_accel_mps2
+    def _joining(self, vehicle: Any, lanes: dict[str, str], driven: set[str]) -> list[Pair]:
+        """For whom those who are driven make room."""
+        if self.road.merge is None:
+            return []
+        near = self.road.merge.through.keys() | self.road.merge.joining.keys()
+        places = {name: (lane, vehicle.getLanePosition(name)) for name, lane in lanes.items() if lane in near}
+        return [
+            Pair(name, joins, spacing_m)
+            for name, (joins, spacing_m) in those_who_join(self.road.merge, places).items()
+            if name in driven and spacing_m <= SIGHT_M and self.histories.are_long(name, joins)
+        ]
+
+    def _ask(self, pairs: list[Pair], joining: list[Pair]) -> dict[str, float]:
+        """What everybody drives: behind the leader, and with comfort behind whoever joins."""
+        if not pairs:
+            return {}
+        predicted = self.model.predict(self.histories.windows(pairs + joining))
+        self.counts.limited += int(predicted.limited[: len(pairs)].sum())
+        answers = (predicted.accel_mps2 if self.envelope else predicted.raw_accel_mps2).tolist()
+        accels = {pair.follower: accel for pair, accel in zip(pairs, answers, strict=False)}
+        for pair, accel in zip(joining, answers[len(pairs) :], strict=True):
+            polite = max(accel, -COURTESY_MPS2)
+            if polite < accels[pair.follower]:
+                accels[pair.follower] = polite
+                self.counts.courteous += 1
+        return accels

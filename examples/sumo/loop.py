@@ -15,21 +15,27 @@ import os
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
+import time
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import network
-import numpy as np
 import simulate
-from disturbances import ONE_BRAKES, wandering_leader
+from disturbances import one_brakes, wandering
 from driver import Driver
+from measures import Measures
+from tables import table
+
 from headway import Client, Model, Patience
 
-# Windows that are encoded anew at every step, because that is how a server is asked here; see docs/sumo.md.
-SETTINGS = {"memory": "window", "features": "raw", "schedule": "manual", "promotion": "auto", "epochs": 10}
+# The defaults, but that we say when to learn, and take what was learned.
+SETTINGS = {"schedule": "manual", "promotion": "auto"}
+# Short, because a model is asked window by window, and drives on what it knows in its first seconds; see docs/sumo.md.
+EVENTS: Mapping[str, Any] = {"min_duration_s": 8.0, "max_duration_s": 8.0, "max_spacing_m": network.SIGHT_M}
 DEADLINE_S = 0.25
-EVENT_S = 20.0
 
 
 @contextmanager
@@ -45,83 +51,87 @@ def server(binary: Path, folder: Path) -> Iterator[str]:
         process.wait()
 
 
+@dataclass(frozen=True)
+class Scale:
+    """How much of everything."""
+
+    settings: Mapping[str, Any]
+    lessons: int
+    platoons: int
+    motorway_lesson_s: float
+    ring_s: float
+    motorway_s: float
+
+
+FULL = Scale({}, lessons=4, platoons=100, motorway_lesson_s=240.0, ring_s=600.0, motorway_s=420.0)
+SHORT = Scale(
+    {"hidden": 16, "epochs": 6}, lessons=1, platoons=60, motorway_lesson_s=60.0, ring_s=100.0, motorway_s=90.0
+)
+
+
 class Loop:
     """A model that is taught with patience and drives with none, and the folder of the simulations' files."""
 
-    def __init__(self, model: Model, driving: Model, folder: Path, short: bool) -> None:
-        self.model, self.driving, self.folder, self.short = model, driving, folder, short
+    def __init__(self, model: Model, driving: Model, folder: Path, scale: Scale, seeds: range) -> None:
+        self.model, self.driving, self.folder, self.scale, self.seeds = model, driving, folder, scale, seeds
         self.horizon = int(model.info().settings["horizon"])
         self.touched = 0
 
     def teach(self, regime: str, files: list[Path]) -> None:
         """Uploads floating-car data, and lets it be learned."""
         for file in files:
-            batch = self.model.upload(file, regime=regime, source=file.name, max_duration_s=EVENT_S)
+            batch = self.model.upload(file, regime=regime, source=file.name, **EVENTS)
             print(f"  {file.name}: {batch.accepted} events of {regime}, {batch.rejected_count} refused", flush=True)
+        began = time.perf_counter()
         version = self.model.train()
-        told = self.model.evaluation(version.version)
-        print(f"  version {version.version} has learned {regime}; spacing error, m²: ", end="")
-        print(", ".join(f"{row.regime} {row.spacing_mse:.2f}" for row in told.itertuples()), flush=True)
+        took_s = time.perf_counter() - began
+        told = ", ".join(
+            f"{row.regime} {row.spacing_mse:.3f}" for row in self.model.evaluation(version.version).itertuples()
+        )
+        print(f"  version {version.version} learned {regime} in {took_s:.0f} s; spacing error, m²: {told}", flush=True)
 
     def first_lessons(self) -> None:
-        """Traffic that SUMO's IDM drives: a platoon behind leaders that wander, then a motorway."""
+        """Traffic that SUMO's IDM drives: platoons in every state behind leaders that wander, then a motorway."""
         files = []
-        for seed in (1,) if self.short else (1, 2, 3, 4):
-            road = network.platoon(self.folder, "idm", end_s=120.0 if self.short else 300.0)
-            files.append(self.folder / f"platoon-{seed}.xml.gz")
-            simulate.run(road, None, wandering_leader(road.end_s, 15.0, seed), fcd=files[-1], seed=seed)
-        self.teach("platoon", files)
-        road = network.motorway(self.folder, "idm", end_s=60.0 if self.short else 200.0)
-        simulate.run(road, None, fcd=self.folder / "motorway.xml.gz")
+        for seed in range(100, 100 + self.scale.lessons):
+            road = network.platoons(self.folder, "idm", platoons=self.scale.platoons, seed=seed)
+            leaders = range(self.scale.platoons)
+            scripts = [part for k in leaders for part in wandering(f"{k}-0", road.end_s, 1000 * seed + k)]
+            files.append(self.folder / f"platoons-{seed}.xml.gz")
+            simulate.run(road, None, scripts, fcd=files[-1], seed=seed)
+        self.teach("platoons", files)
+        road = network.motorway(self.folder, "idm", end_s=self.scale.motorway_lesson_s)
+        simulate.run(road, None, fcd=self.folder / "motorway.xml.gz", seed=100)
         self.teach("motorway", [self.folder / "motorway.xml.gz"])
 
     def compare(self, name: str) -> Path:
-        """A road by everybody; what our driver drove, as floating-car data."""
-        rows, driven = {}, self.folder / f"{name}-driven.xml.gz"
-        for who in ["idm", "krauss", "headway", "headway, no envelope"]:
-            ours = who.startswith("headway")
-            kind = "headway" if ours else who
-            end_s = {"ring": 120.0, "motorway": 90.0}[name] if self.short else {"ring": 600.0, "motorway": 300.0}[name]
-            road = getattr(network, name)(self.folder, kind, end_s=end_s)
-            driver = None
-            if ours:
-                driver = Driver(self.driving, self.horizon, road.driven_lanes, envelope=who == "headway")
-            scripts = ONE_BRAKES if name == "ring" else ()
-            fcd = driven if who == "headway" else None
-            measures, took_s = simulate.run(road, driver, scripts, fcd=fcd)
-            rows[who] = {
-                **measures.row(),
-                "at once": str(measures.most_at_once),
-                "× real time": f"{end_s / took_s:.0f}",
-            }
-            if driver is not None:
-                rows[who].update(shares(driver))
-            if who == "headway":
-                self.touched += len(measures.collisions)
-        print(table(rows), flush=True)
+        """A road by everybody; what our driver drove first, as floating-car data."""
+        runs: dict[str, list[dict[str, float]]] = {}
+        driven = self.folder / f"{name}-driven.xml.gz"
+        for seed in self.seeds:
+            for who in ["idm", "krauss", "headway", "headway, no envelope"]:
+                first = seed == self.seeds[0]
+                fcd = driven if who == "headway" and first else None
+                measures, figures = self.drive(name, who, seed, fcd)
+                runs.setdefault(who, []).append(figures)
+                if who == "headway":
+                    self.touched += len(measures.collisions)
+        print(table(runs), flush=True)
         return driven
 
-
-def shares(driver: Driver) -> dict[str, str]:
-    """Who drove, of all vehicle steps."""
-    counts = driver.counts
-    steps = counts.driven + counts.fallback + counts.free + counts.elsewhere
-    share = {name: f"{100 * getattr(counts, name) / steps:.2f}" for name in ["driven", "fallback", "free", "elsewhere"]}
-    calls_ms = 1000 * np.asarray(counts.calls_s)
-    return {
-        **{f"{name}, % of steps": value for name, value in share.items()},
-        "envelope acted, % of driven": f"{100 * counts.limited / max(counts.driven, 1):.2f}",
-        "speed limit acted, % of driven": f"{100 * counts.capped / max(counts.driven, 1):.2f}",
-        "a call, median / p99, ms": f"{np.median(calls_ms):.1f} / {np.quantile(calls_ms, 0.99):.1f}",
-    }
-
-
-def table(rows: dict[str, dict[str, str]]) -> str:
-    """In Markdown, a column for each driver."""
-    names = list(dict.fromkeys(name for row in rows.values() for name in row))
-    lines = ["", "| | " + " | ".join(rows) + " |", "| --- " * (len(rows) + 1) + "|"]
-    lines += [f"| {name} | " + " | ".join(row.get(name, "–") for row in rows.values()) + " |" for name in names]
-    return "\n".join([*lines, ""])
+    def drive(self, name: str, who: str, seed: int, fcd: Path | None) -> tuple[Measures, dict[str, float]]:
+        """One road by one of them."""
+        ours = who.startswith("headway")
+        kind = "headway" if ours else who
+        if name == "ring":
+            road = network.ring(self.folder, kind, end_s=self.scale.ring_s, seed=seed)
+        else:
+            road = network.motorway(self.folder, kind, end_s=self.scale.motorway_s)
+        driver = Driver(self.driving, self.horizon, road, envelope=who == "headway") if ours else None
+        scripts = [one_brakes(seed)] if name == "ring" else []
+        measures, took_s = simulate.run(road, driver, scripts, fcd=fcd, seed=seed)
+        figures = {**measures.figures(), "× real time": road.end_s / took_s}
+        return measures, {**figures, **driver.counts.figures()} if driver else figures
 
 
 def main() -> int:
@@ -144,10 +154,10 @@ def main() -> int:
 
 def close(arguments: argparse.Namespace, url: str, folder: Path) -> int:
     """All of it, at this server."""
-    settings = {**SETTINGS, **({"hidden": 16, "epochs": 6} if arguments.short else {})}
+    scale, seeds = SHORT if arguments.short else FULL, range(1, 2)
     with Client(url) as patient, Client(url, timeout_s=DEADLINE_S, patience=Patience(retries=0)) as hasty:
-        model = patient.create_model(arguments.model, settings=settings)
-        loop = Loop(model, hasty.model(arguments.model), folder, arguments.short)
+        model = patient.create_model(arguments.model, settings={**SETTINGS, **scale.settings})
+        loop = Loop(model, hasty.model(arguments.model), folder, scale, seeds)
         print("SUMO's IDM drives", flush=True)
         loop.first_lessons()
         driven = {}

@@ -3,13 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from network import MIN_GAP_M, STEP_S, Road
 
-WARM_UP_S = 60.0
 CLOSE_TTC_S = 1.5
+
+
+class Seen(NamedTuple):
+    """A vehicle on a lane that is drawn."""
+
+    time_s: float
+    vehicle: str
+    place_m: float
+    speed_mps: float
 
 
 @dataclass
@@ -27,15 +35,15 @@ class Measures:
     """Pairs that touched."""
     arrived: int = 0
     most_at_once: int = 0
-    positions: list[tuple[float, str, float, float]] = field(default_factory=list)
-    """Time, vehicle, distance driven, speed: for a diagram."""
+    seen: list[Seen] = field(default_factory=list)
+    """For a diagram."""
 
     def look(self, sumo: Any, step: int) -> None:
         """At the simulation, after a step."""
         now_s = step * STEP_S
         for touched in sumo.simulation.getCollisions():
             self.collisions.add((touched.collider, touched.victim))
-        if now_s >= WARM_UP_S:
+        if now_s >= self.road.warm_up_s:
             self.arrived += sumo.simulation.getArrivedNumber()
         if step % round(1 / STEP_S):
             return
@@ -43,8 +51,11 @@ class Measures:
         self.most_at_once = max(self.most_at_once, len(names))
         speeds = [sumo.vehicle.getSpeed(name) for name in names]
         for name, speed in zip(names, speeds, strict=True):
-            self.positions.append((now_s, name, sumo.vehicle.getDistance(name), speed))
-        if now_s < WARM_UP_S or not names:
+            lane = sumo.vehicle.getLaneID(name)
+            if lane in self.road.drawn:
+                place_m = self.road.drawn[lane] + sumo.vehicle.getLanePosition(name)
+                self.seen.append(Seen(now_s, name, place_m, speed))
+        if now_s < self.road.warm_up_s or not names:
             return
         self.speeds += speeds
         self.spread.append(float(np.std(speeds)))
@@ -56,20 +67,19 @@ class Measures:
                 if closing > 0.05:
                     self.ttc_s.append((found[1] + MIN_GAP_M) / closing)
 
-    def row(self) -> dict[str, str]:
+    def figures(self) -> dict[str, float]:
         """For a table."""
-        span_s = self.road.end_s - WARM_UP_S
         if self.road.name == "ring":
-            vehicles = self.most_at_once
-            flow_per_h = float(np.mean(self.speeds)) * vehicles / self.road.length_m * 3600
+            flow_per_h = float(np.mean(self.speeds)) * self.most_at_once / self.road.length_m * 3600
         else:
-            flow_per_h = self.arrived / span_s * 3600
+            flow_per_h = self.arrived / (self.road.end_s - self.road.warm_up_s) * 3600
         close = sum(ttc < CLOSE_TTC_S for ttc in self.ttc_s)
         return {
-            "flow, veh/h": f"{flow_per_h:.0f}",
-            "mean speed, m/s": f"{np.mean(self.speeds):.2f}",
-            "spread of speeds, m/s": f"{np.mean(self.spread):.2f}",
-            "least TTC, s": f"{min(self.ttc_s, default=float('inf')):.1f}",
-            f"TTC < {CLOSE_TTC_S} s, ‰": f"{1000 * close / max(self.looked, 1):.2f}",
-            "pairs that collided": str(len(self.collisions)),
+            "flow, veh/h": flow_per_h,
+            "mean speed, m/s": float(np.mean(self.speeds)),
+            "spread of speeds, m/s": float(np.mean(self.spread)),
+            "least TTC, s": min(self.ttc_s, default=float("inf")),
+            f"TTC < {CLOSE_TTC_S} s, ‰": 1000 * close / max(self.looked, 1),
+            "pairs that collided": len(self.collisions),
+            "at once": self.most_at_once,
         }

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from disturbances import Scripted
 from driver import Driver
 from measures import Measures
-from network import STEP_S, Road
+from network import SIGHT_M, STEP_S, Road
 
 
 def run(
-    road: Road, driver: Driver | None, scripts: tuple[Scripted, ...] = (), *, fcd: Path | None = None, seed: int = 7
+    road: Road, driver: Driver | None, scripts: Sequence[Scripted] = (), *, fcd: Path | None = None, seed: int = 7
 ) -> tuple[Measures, float]:
     """Simulates, by SUMO's own model where there is no driver; what was measured, and seconds that it took."""
     import libsumo as sumo
@@ -22,7 +23,7 @@ def run(
     options += ["--step-method.ballistic", "true", "--collision.action", "warn", "--collision.mingap-factor", 0]
     options += ["--time-to-teleport", -1, "--no-step-log", "true", "--no-warnings", "true", "--default.speeddev", 0]
     if fcd is not None:
-        options += ["--fcd-output", fcd, "--fcd-output.max-leader-distance", 100]
+        options += ["--fcd-output", fcd, "--fcd-output.max-leader-distance", SIGHT_M]
     sumo.start([str(option) for option in options])
     measures = Measures(road)
     began = time.perf_counter()
