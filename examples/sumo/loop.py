@@ -140,10 +140,13 @@ def main() -> int:
     cli.add_argument("--server", help="a server that runs already; its key is that of HEADWAY_KEY")
     cli.add_argument("--binary", type=Path, default=Path(os.environ.get("HEADWAY_BINARY", "target/release/headway")))
     cli.add_argument("--model", default="sumo", help="a new model's name")
+    cli.add_argument("--repeat", type=int, default=1, metavar="N", help="drive each road with N seeds of traffic")
     cli.add_argument(
         "--short", action="store_true", help="little traffic and a small network: whether it works, not how well"
     )
     arguments = cli.parse_args()
+    if arguments.repeat < 1:
+        cli.error("--repeat is at least 1")
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(temporary)
         if arguments.server:
@@ -154,7 +157,7 @@ def main() -> int:
 
 def close(arguments: argparse.Namespace, url: str, folder: Path) -> int:
     """All of it, at this server."""
-    scale, seeds = SHORT if arguments.short else FULL, range(1, 2)
+    scale, seeds = SHORT if arguments.short else FULL, range(1, arguments.repeat + 1)
     with Client(url) as patient, Client(url, timeout_s=DEADLINE_S, patience=Patience(retries=0)) as hasty:
         model = patient.create_model(arguments.model, settings={**SETTINGS, **scale.settings})
         loop = Loop(model, hasty.model(arguments.model), folder, scale, seeds)
