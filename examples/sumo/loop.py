@@ -24,6 +24,7 @@ from typing import Any
 
 import network
 import simulate
+from diagrams import draw
 from disturbances import one_brakes, wandering
 from driver import Driver
 from measures import Measures
@@ -76,6 +77,7 @@ class Loop:
         self.model, self.driving, self.folder, self.scale, self.seeds = model, driving, folder, scale, seeds
         self.horizon = int(model.info().settings["horizon"])
         self.touched = 0
+        self.drawn: dict[str, dict[str, Measures]] = {}
 
     def teach(self, regime: str, files: list[Path]) -> None:
         """Uploads floating-car data, and lets it be learned."""
@@ -114,6 +116,8 @@ class Loop:
                 fcd = driven if who == "headway" and first else None
                 measures, figures = self.drive(name, who, seed, fcd)
                 runs.setdefault(who, []).append(figures)
+                if first and who != "headway, no envelope":
+                    self.drawn.setdefault(name, {})[who] = measures
                 if who == "headway":
                     self.touched += len(measures.collisions)
         print(table(runs), flush=True)
@@ -141,6 +145,7 @@ def main() -> int:
     cli.add_argument("--binary", type=Path, default=Path(os.environ.get("HEADWAY_BINARY", "target/release/headway")))
     cli.add_argument("--model", default="sumo", help="a new model's name")
     cli.add_argument("--repeat", type=int, default=1, metavar="N", help="drive each road with N seeds of traffic")
+    cli.add_argument("--figures", type=Path, metavar="DIR", help="draw time-space diagrams there (needs matplotlib)")
     cli.add_argument(
         "--short", action="store_true", help="little traffic and a small network: whether it works, not how well"
     )
@@ -167,6 +172,9 @@ def close(arguments: argparse.Namespace, url: str, folder: Path) -> int:
         for name in ["ring", "motorway"]:
             print(f"\nOn the {name}", flush=True)
             driven[name] = loop.compare(name)
+        if arguments.figures:
+            arguments.figures.mkdir(parents=True, exist_ok=True)
+            draw(loop.drawn, arguments.figures / "sumo.png")
         print("What it drove teaches it", flush=True)
         for name, file in driven.items():
             loop.teach(f"own-{name}", [file])
