@@ -13,7 +13,7 @@ import libsumo
 import network
 import numpy as np
 import simulate
-from disturbances import wandering
+from disturbances import Scripted, wandering
 from driver import Driver, Histories, Pair
 from merging import COURTESY_MPS2
 
@@ -118,3 +118,10 @@ def test_room_is_made_with_comfort_and_safety_comes_first(tmp_path: Path) -> Non
     assert driver._ask([behind], [joining]) == {"a": -COURTESY_MPS2} and driver.counts.courteous == 1
     driver.model = Answers([1.0, 2.0])  # type: ignore[assignment]
     assert driver._ask([behind], [joining]) == {"a": 1.0} and driver.counts.courteous == 1
+
+
+def test_whoever_touches_is_seen(tmp_path: Path) -> None:
+    road = network.platoons(tmp_path, "headway", platoons=1, vehicles=3, end_s=30.0)
+    driver = Driver(Stub(0.5), HORIZON, road, envelope=True)  # type: ignore[arg-type]
+    measures, _ = simulate.run(road, driver, [Scripted("0-0", 2.0, 30.0, 6.0, 0.0)])
+    assert ("0-1", "0-0") in measures.collisions and measures.figures()["pairs that collided"] >= 1
