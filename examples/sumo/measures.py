@@ -33,7 +33,7 @@ class Measures:
     looked: int = 0
     collisions: set[tuple[str, str]] = field(default_factory=set)
     """Pairs that touched."""
-    arrived: int = 0
+    arrived: list[str] = field(default_factory=list)
     most_at_once: int = 0
     seen: list[Seen] = field(default_factory=list)
     """For a diagram."""
@@ -44,7 +44,7 @@ class Measures:
         for touched in sumo.simulation.getCollisions():
             self.collisions.add((touched.collider, touched.victim))
         if now_s >= self.road.warm_up_s:
-            self.arrived += sumo.simulation.getArrivedNumber()
+            self.arrived += sumo.simulation.getArrivedIDList()
         if step % round(1 / STEP_S):
             return
         names = sumo.vehicle.getIDList()
@@ -70,12 +70,14 @@ class Measures:
     def figures(self) -> dict[str, float]:
         """For a table."""
         if self.road.name == "ring":
-            flow_per_h = float(np.mean(self.speeds)) * self.most_at_once / self.road.length_m * 3600
+            flows = {"flow, veh/h": float(np.mean(self.speeds)) * self.most_at_once / self.road.length_m * 3600}
         else:
-            flow_per_h = self.arrived / (self.road.end_s - self.road.warm_up_s) * 3600
+            per_h = 3600 / (self.road.end_s - self.road.warm_up_s)
+            ramp = sum(name.startswith("ramp") for name in self.arrived)
+            flows = {"flow, veh/h": len(self.arrived) * per_h, "from the ramp, veh/h": ramp * per_h}
         close = sum(ttc < CLOSE_TTC_S for ttc in self.ttc_s)
         return {
-            "flow, veh/h": flow_per_h,
+            **flows,
             "mean speed, m/s": float(np.mean(self.speeds)),
             "spread of speeds, m/s": float(np.mean(self.spread)),
             "least TTC, s": min(self.ttc_s, default=float("inf")),
