@@ -8,10 +8,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from headway import HeadwayError, Model
 from merging import COURTESY_MPS2, those_who_join
 from network import MIN_GAP_M, SIGHT_M, STEP_S, Road
-
-from headway import HeadwayError, Model
 
 # Of SUMO's speed modes: everything off, so that what is commanded is driven, and collisions are ours;
 # and everything on.
@@ -43,7 +42,7 @@ class Counts:
         steps = max(self.driven + self.fallback + self.free + self.elsewhere, 1)
         who = {"driven": self.driven, "fallback": self.fallback, "free": self.free, "elsewhere": self.elsewhere}
         what = {"envelope": self.limited, "speed limit": self.capped, "courtesy": self.courteous}
-        calls_ms = 1000 * np.asarray(self.calls_s)
+        calls_ms = 1000 * np.asarray(self.calls_s or [np.nan])
         return {
             **{f"{name}, % of steps": 100 * count / steps for name, count in who.items()},
             **{f"{name} acted, % of driven": 100 * count / max(self.driven, 1) for name, count in what.items()},

@@ -27,10 +27,9 @@ import simulate
 from diagrams import draw
 from disturbances import one_brakes, wandering
 from driver import Driver
+from headway import Client, Model, Patience
 from measures import Measures
 from tables import table
-
-from headway import Client, Model, Patience
 
 # The defaults, but that we say when to learn, and take what was learned.
 SETTINGS = {"schedule": "manual", "promotion": "auto"}

@@ -15,9 +15,8 @@ import numpy as np
 import simulate
 from disturbances import Scripted, wandering
 from driver import Driver, Histories, Pair
-from merging import COURTESY_MPS2
-
 from headway import Unreachable
+from merging import COURTESY_MPS2
 
 HORIZON = 10
 
@@ -94,6 +93,7 @@ def test_without_an_answer_sumo_drives(tmp_path: Path) -> None:
     assert driver.counts.driven == 0 and driver.counts.fallback > 6000 and not measures.collisions
     # Every vehicle is asked for from the moment that its past and its leader's fill a window.
     assert driver.counts.fallback + driver.counts.free == 22 * 300
+    assert driver.counts.figures()["driven, % of steps"] == 0
 
 
 def test_what_is_answered_is_driven(tmp_path: Path) -> None:
