@@ -19,6 +19,7 @@ import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -151,6 +152,8 @@ def main() -> int:
     arguments = cli.parse_args()
     if arguments.repeat < 1:
         cli.error("--repeat is at least 1")
+    if arguments.figures and find_spec("matplotlib") is None:
+        cli.error("--figures needs matplotlib")
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(temporary)
         if arguments.server:
