@@ -28,6 +28,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -35,6 +36,7 @@ ROOT = Path(__file__).resolve().parent.parent
 BLOCK = re.compile(r"^```sh(?P<how>[^\n]*)\n(?P<text>.*?)^```$", re.MULTILINE | re.DOTALL)
 PORT = re.compile(r"\b(127\.0\.0\.1|localhost|0\.0\.0\.0):(\d{4})\b")
 PAGE_S = 600
+RUN = ("", "serving")
 SMALL = {"HEADWAY_MODEL__HIDDEN": "8", "HEADWAY_MODEL__EPOCHS": "1", "HEADWAY_LOG__FILTER": "warn"}
 
 # What the folder does not have of the project, and what of it stands there as a link, because no command writes to it.
@@ -88,8 +90,7 @@ def blocks(page: Path) -> list[Block]:
     """Every block of commands of a page, hidden ones too."""
     text, name = page.read_text(), str(page.relative_to(ROOT))
     return [
-        Block(name, text.count("\n", 0, found.start()) + 1, found["how"].strip(), found["text"])
-        for found in BLOCK.finditer(text)
+        Block(name, text.count("\n", 0, found.start()) + 1, found["how"].strip(), found["text"]) for found in BLOCK.finditer(text)
     ]
 
 
@@ -173,59 +174,63 @@ def script(to_run: list[Block], ports: Ports) -> str:
     return "\n".join(lines)
 
 
+def not_right(block: Block) -> list[str]:
+    """What can be said of a block without running it."""
+    if block.how in RUN:
+        return []
+    if block.how == "by hand":
+        return missing_files(block)
+    if block.how.startswith("in "):
+        return missing_elsewhere(block, block.how.removeprefix("in "))
+    return [f"{block.place}: sh {block.how} is no way to run anything"]
+
+
+def execute(to_run: list[Block], binaries: Path) -> str | None:
+    """Runs blocks; what they said when they failed."""
+    ports = Ports()
+    with tempfile.TemporaryDirectory(prefix="documented-") as temporary:
+        folder = Path(temporary)
+        programs = clone(folder, binaries)
+        environment = {**os.environ, **SMALL, "PATH": f"{programs}:{os.environ['PATH']}", "HOME": temporary}
+        environment["HEADWAY_SERVER__LISTEN"] = f"127.0.0.1:{ports.at('8080')}"
+        environment["HEADWAY_URL"] = f"http://127.0.0.1:{ports.at('8080')}"
+        log, command = folder / ".log", ["bash", "-c", script(to_run, ports)]
+        with log.open("wb") as into:
+            shell = subprocess.Popen(
+                command, cwd=folder, env=environment, stdin=subprocess.DEVNULL, stdout=into, stderr=into, start_new_session=True
+            )
+            try:
+                late, failed = "", shell.wait(PAGE_S) != 0
+            except subprocess.TimeoutExpired:
+                late, failed = f"\nnot done after {PAGE_S} s", True
+            finally:
+                # Servers too, which stay running.
+                with suppress(ProcessLookupError):
+                    os.killpg(shell.pid, signal.SIGKILL)
+        return log.read_text(errors="replace")[-6000:] + late if failed else None
+
+
 def run(page: Path, binaries: Path) -> bool:
     """Runs a page; says how long it took, or what went wrong and where."""
-    found = blocks(page)
-    wrong = [problem for block in found if block.how.startswith("in ") for problem in missing_elsewhere(block, block.how[3:])]
-    wrong += [problem for block in found if block.how == "by hand" for problem in missing_files(block)]
-    unknown = [block for block in found if block.how not in ("", "serving", "by hand") and not block.how.startswith("in ")]
-    wrong += [f"{block.place}: sh {block.how} is no way to run anything" for block in unknown]
-    to_run = [block for block in found if block.how in ("", "serving")]
-    began, output, failed = time.monotonic(), "", False
-    if to_run:
-        ports = Ports()
-        with tempfile.TemporaryDirectory(prefix="documented-") as temporary:
-            folder = Path(temporary)
-            programs = clone(folder, binaries)
-            environment = {**os.environ, **SMALL, "PATH": f"{programs}:{os.environ['PATH']}", "HOME": temporary}
-            environment["HEADWAY_SERVER__LISTEN"] = f"127.0.0.1:{ports.at('8080')}"
-            environment["HEADWAY_URL"] = f"http://127.0.0.1:{ports.at('8080')}"
-            log = folder / ".log"
-            with log.open("wb") as into:
-                shell = subprocess.Popen(
-                    ["bash", "-c", script(to_run, ports)],
-                    cwd=folder, env=environment, stdin=subprocess.DEVNULL, stdout=into, stderr=into, start_new_session=True,
-                )  # fmt: skip
-                try:
-                    failed = shell.wait(PAGE_S) != 0
-                except subprocess.TimeoutExpired:
-                    failed = True
-                    wrong.append(f"{page.relative_to(ROOT)}: not done after {PAGE_S} s")
-                finally:
-                    try:
-                        os.killpg(shell.pid, signal.SIGKILL)
-                    except ProcessLookupError:
-                        pass
-            output = log.read_text(errors="replace")
-    by_hand = [block for block in found if block.how == "by hand"]
+    name, found, began = page.relative_to(ROOT), blocks(page), time.monotonic()
+    wrong = [problem for block in found for problem in not_right(block)]
+    to_run = [block for block in found if block.how in RUN]
+    if to_run and (said := execute(to_run, binaries)) is not None:
+        wrong += [said, f"{name}: failed after the last place named above"]
+    by_hand = [str(block.line) for block in found if block.how == "by hand"]
     elsewhere = len(found) - len(to_run) - len(by_hand)
-    print(
-        f"{page.relative_to(ROOT)}: {len(to_run)} run in {time.monotonic() - began:.1f} s, {elsewhere} run elsewhere, "
-        f"{len(by_hand)} by hand{' (lines ' if by_hand else ''}{', '.join(str(block.line) for block in by_hand)}"
-        f"{')' if by_hand else ''}",
-        flush=True,
-    )
-    if failed:
-        print(output[-6000:], file=sys.stderr)
-        wrong.append(f"{page.relative_to(ROOT)}: failed after the last place named above")
-    for problem in wrong:
-        print(problem, file=sys.stderr)
+    lines = f" (lines {', '.join(by_hand)})" if by_hand else ""
+    took_s = time.monotonic() - began
+    print(f"{name}: {len(to_run)} run in {took_s:.1f} s, {elsewhere} run elsewhere, {len(by_hand)} by hand{lines}", flush=True)
+    print(*wrong, sep="\n", end="\n" if wrong else "", file=sys.stderr, flush=True)
     return not wrong
 
 
 def pages() -> list[Path]:
     """Every page of the project that has commands."""
-    listed = subprocess.check_output(["git", "ls-files", "--cached", "--others", "--exclude-standard", "*.md"], cwd=ROOT, text=True)
+    listed = subprocess.check_output(
+        ["git", "ls-files", "--cached", "--others", "--exclude-standard", "*.md"], cwd=ROOT, text=True
+    )
     return [page for name in listed.split() if (page := ROOT / name).is_file() and blocks(page)]
 
 
