@@ -8,7 +8,7 @@ have. What follows `sh` says how a block is run:
     ```sh              is run
     ```sh serving      stays running in the background until the page ends; what comes next waits until it listens
     ```sh in FILE      is run by FILE, a script of the project; every line of it has to stand there
-    ```sh by hand      takes hours, or what is not here: that its programs and files exist is all that is looked at
+    ```sh by hand      takes long, or what is not here: that its files exist is all that is looked at
 
 So that this takes minutes and not hours, `cargo run` and `headway` are the binary that the tests have built, new models are
 small, ports are free ones, and `cargo test` with a filter only has to find a test, since the step before runs them all.
@@ -39,9 +39,8 @@ PAGE_S = 600
 RUN = ("", "serving")
 SMALL = {"HEADWAY_MODEL__HIDDEN": "8", "HEADWAY_MODEL__EPOCHS": "1", "HEADWAY_LOG__FILTER": "warn"}
 
-# What the folder does not have of the project, and what of it stands there as a link, because no command writes to it.
-LEFT_OUT = {".git", "target", ".venv"}
-LINKED = {"fuzz", "migrations", "src", "tests"}
+# Of what a clone has, that which stands in the folder as a link, because no command writes to it.
+LINKED = ("fuzz", "migrations", "src", "tests")
 
 CARGO = r"""#!/usr/bin/env bash
 set -euo pipefail
@@ -84,6 +83,12 @@ class Block:
     @property
     def place(self) -> str:
         return f"{self.page}:{self.line}"
+
+
+def files(pattern: str) -> list[str]:
+    """Files of the project, without those that are made or kept out of it."""
+    command = ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard", pattern]
+    return subprocess.check_output(command, cwd=ROOT, text=True).split("\0")[:-1]
 
 
 def blocks(page: Path) -> list[Block]:
@@ -134,13 +139,12 @@ class Ports:
 
 def clone(folder: Path, binaries: Path) -> Path:
     """Makes the folder look like a clone that has been built; gives the folder of its programs."""
-    for entry in ROOT.iterdir():
-        if entry.name in LINKED:
-            (folder / entry.name).symlink_to(entry)
-        elif entry.is_dir() and entry.name not in LEFT_OUT:
-            shutil.copytree(entry, folder / entry.name)
-        elif entry.name not in LEFT_OUT:
-            shutil.copy(entry, folder)
+    for name in LINKED:
+        (folder / name).symlink_to(ROOT / name)
+    for name in files("*"):
+        if name.split("/")[0] not in LINKED and (ROOT / name).is_file():
+            (folder / name).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy(ROOT / name, folder / name)
     (folder / "target").mkdir()
     (folder / "target" / "release").symlink_to(binaries)
     (folder / "target" / "debug").symlink_to(binaries)
@@ -228,10 +232,7 @@ def run(page: Path, binaries: Path) -> bool:
 
 def pages() -> list[Path]:
     """Every page of the project that has commands."""
-    listed = subprocess.check_output(
-        ["git", "ls-files", "--cached", "--others", "--exclude-standard", "*.md"], cwd=ROOT, text=True
-    )
-    return [page for name in listed.split() if (page := ROOT / name).is_file() and blocks(page)]
+    return [page for name in files("*.md") if (page := ROOT / name).is_file() and blocks(page)]
 
 
 def main() -> int:

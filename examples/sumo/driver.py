@@ -8,9 +8,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from headway import HeadwayError, Model
+from headway import Model, Problem, Unreachable
 from merging import COURTESY_MPS2, those_who_join
 from network import MIN_GAP_M, SIGHT_M, STEP_S, Road
+
+BUSY = 503
+"""What a server answers that has too much to do."""
 
 # Of SUMO's speed modes: everything off, so that what is commanded is driven, and collisions are ours;
 # and everything on.
@@ -127,7 +130,10 @@ class Driver:
             began = time.perf_counter()
             accels = self._ask(pairs, joining)
             self.counts.calls_s.append(time.perf_counter() - began)
-        except HeadwayError:
+        except (Unreachable, Problem) as missing:
+            # A refusal is no delay: what is wrong with a request is wrong at every step.
+            if isinstance(missing, Problem) and missing.status != BUSY:
+                raise
             self.counts.fallback += len(pairs)
             accels = {}
         self.counts.driven += len(accels)

@@ -12,10 +12,11 @@ from typing import Any
 import libsumo
 import network
 import numpy as np
+import pytest
 import simulate
 from disturbances import Scripted, wandering
 from driver import Driver, Histories, Pair
-from headway import Unreachable
+from headway import Problem, Unreachable
 from merging import COURTESY_MPS2
 
 HORIZON = 10
@@ -125,3 +126,20 @@ def test_whoever_touches_is_seen(tmp_path: Path) -> None:
     driver = Driver(Stub(0.5), HORIZON, road, envelope=True)  # type: ignore[arg-type]
     measures, _ = simulate.run(road, driver, [Scripted("0-0", 2.0, 30.0, 6.0, 0.0)])
     assert ("0-1", "0-0") in measures.collisions and measures.figures()["pairs that collided"] >= 1
+
+
+def test_a_refusal_is_no_delay(tmp_path: Path) -> None:
+    road = network.ring(tmp_path, "headway", end_s=5.0)
+
+    class Refused:
+        def __init__(self, status: int) -> None:
+            self.status = status
+
+        def predict(self, windows: np.ndarray[Any, Any]) -> Any:
+            raise Problem(self.status, {"code": "refused", "detail": "no"})
+
+    with pytest.raises(Problem):
+        simulate.run(road, Driver(Refused(404), HORIZON, road, envelope=True))
+    busy = Driver(Refused(503), HORIZON, road, envelope=True)
+    simulate.run(road, busy)
+    assert busy.counts.fallback > 0 and busy.counts.driven == 0

@@ -24,11 +24,11 @@ pub(super) struct GenerateArguments {
 /// A regime by its name.
 #[derive(Debug, Clone, Copy, ValueEnum)]
 enum Named {
-    /// Motorway cruising: 13.6 to 25 m/s
+    /// Motorway cruising: followers' mean speeds of 13.6 to 25 m/s
     Fast,
-    /// Arterial roads, braking and accelerating in turn: 8.6 to 12.4 m/s
+    /// Arterial roads, braking and accelerating in turn: mean speeds of 8.6 to 12.4 m/s
     Middle,
-    /// Congestion, down to a standstill: 1 to 7.4 m/s
+    /// Congestion, down to a standstill: mean speeds of 1 to 7.4 m/s
     Slow,
 }
 
