@@ -6,10 +6,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from command import command, let_go
 from network import FREE_MPS, STEP_S
-
-# Of SUMO's speed modes: what is commanded is driven; everything on, as it is by itself.
-ALL_OFF, ALL_ON = 32, 31
 
 
 @dataclass(frozen=True)
@@ -26,12 +24,10 @@ class Scripted:
         """Before the simulation's step that ends at `step`."""
         now_s = step * STEP_S
         if self.from_s <= now_s < self.until_s:
-            vehicle.setSpeedMode(self.vehicle, ALL_OFF)
             now_mps, most = vehicle.getSpeed(self.vehicle), self.rate_mps2 * STEP_S
-            vehicle.setSpeed(self.vehicle, now_mps + min(max(self.to_mps - now_mps, -most), most))
+            command(vehicle, self.vehicle, now_mps + min(max(self.to_mps - now_mps, -most), most))
         elif 0 <= now_s - self.until_s < STEP_S:
-            vehicle.setSpeedMode(self.vehicle, ALL_ON)
-            vehicle.setSpeed(self.vehicle, -1)
+            let_go(vehicle, self.vehicle)
 
 
 def one_brakes(seed: int) -> Scripted:

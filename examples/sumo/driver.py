@@ -8,16 +8,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from command import command, let_go
 from headway import Model, Problem, Unreachable
 from merging import COURTESY_MPS2, those_who_join
 from network import MIN_GAP_M, SIGHT_M, STEP_S, Road
 
 BUSY = 503
 """What a server answers that has too much to do."""
-
-# Of SUMO's speed modes: everything off, so that what is commanded is driven, and collisions are ours;
-# and everything on.
-COMMANDED, OWN = 32, 31
 
 
 @dataclass
@@ -139,13 +136,11 @@ class Driver:
         self.counts.driven += len(accels)
         for name in self.commanded - accels.keys():
             if name in speeds:
-                vehicle.setSpeedMode(name, OWN)
-                vehicle.setSpeed(name, -1)
+                let_go(vehicle, name)
         for name, accel in accels.items():
-            vehicle.setSpeedMode(name, COMMANDED)
             wished_mps, allowed_mps = speeds[name] + STEP_S * accel, vehicle.getAllowedSpeed(name)
             self.counts.capped += wished_mps > allowed_mps
-            vehicle.setSpeed(name, min(max(0.0, wished_mps), max(allowed_mps, speeds[name] - STEP_S)))
+            command(vehicle, name, min(max(0.0, wished_mps), max(allowed_mps, speeds[name] - STEP_S)))
         self.commanded = set(accels)
 
     def _pairs(self, vehicle: Any, lanes: dict[str, str]) -> list[Pair]:
